@@ -1,0 +1,50 @@
+"""The `deggflow` command."""
+
+import sys
+
+from tyro.extras import SubcommandApp
+
+from deggflow.jsonl import InputError
+
+from . import demo, tabletop
+from .session import BAD_INPUT, UNFORESEEN
+
+_TABLETOP = SubcommandApp()
+_TABLETOP.command(tabletop.data)
+_TABLETOP.command(tabletop.train)
+_TABLETOP.command(tabletop.generate)
+_TABLETOP.command(tabletop.evaluate)
+_TABLETOP.command(tabletop.render)
+
+_APP = SubcommandApp()
+_APP.command(demo.demo)
+_APP.command(
+    _TABLETOP, name="tabletop", help="Scenes of objects on a table, each easy to reach and use."
+)
+
+_DESCRIPTION = (
+    "Generative flow models of several agents that keep hard promises: guided generation, "
+    "a certificate for every result, and a plain word where a requirement can't be met."
+)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Runs a command and exits with its code.
+
+    0: every result satisfied; 2: bad input; 3: some result not satisfied; 1: anything unforeseen.
+    """
+    try:
+        code = _APP.cli(args=arguments, prog="deggflow", description=_DESCRIPTION)
+    except InputError as error:
+        print(f"deggflow: {error}", file=sys.stderr)
+        code = BAD_INPUT
+    except KeyboardInterrupt:
+        print("deggflow: interrupted; the same command goes on where it stopped", file=sys.stderr)
+        code = 130
+    except BrokenPipeError:
+        code = UNFORESEEN
+    sys.exit(code)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,126 @@
+"""Tables of `deggflow tabletop evaluate`."""
+
+from collections.abc import Callable, Iterable
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+
+from deggflow.flow import Field
+from deggflow.jsonl import ResumableOutput
+from deggflow.tasks.tabletop.evaluate import (
+    ALLOCATIONS,
+    Comparison,
+    Evaluation,
+    compare,
+    evaluate,
+)
+
+from .session import NOT_SATISFIED, SATISFIED, output, progress
+
+
+def _rows(
+    jobs: Iterable[Callable[[], Any]], settings: dict[str, Any], out: Path | None, count: int
+) -> list[dict[str, Any]]:
+    """Runs the jobs that are not done yet; each row is written as soon as it is known."""
+    target = None if out is None else ResumableOutput(out, settings)
+    with progress() as bars:
+        bar = bars.add_task("evaluating", total=count)
+        if target is None:
+            found = []
+            for job in jobs:
+                found.append(job().to_json())
+                bars.advance(bar)
+            return found
+        with target as lines:
+            bars.advance(bar, len(lines.finished))
+            for job in list(jobs)[len(lines.finished) :]:
+                row = job().to_json()
+                lines.append([row])
+                lines.finished.append(row)
+                bars.advance(bar)
+            return lines.finished
+
+
+def run_evaluation(field: Field, settings: dict[str, Any], out: Path | None) -> int:
+    """Nominal beside guided for each size and family; exit code 3 if a case was never satisfied."""
+    grid = list(product(settings["requirements"], settings["sizes"]))
+    cases, seed, max_draws = settings["cases"], settings["seed"], settings["max_draws"]
+
+    def job(family: str, size: int) -> Callable[[], Evaluation]:
+        return lambda: evaluate(field, size, family, cases, seed, max_draws)
+
+    found = _rows([job(*point) for point in grid], settings, out, len(grid))
+    rows = [Evaluation(**row) for row in found]
+    table = Table(
+        title=f"Tabletop: success, {cases} cases a row, seed {seed}, 95% Wilson intervals",
+        title_justify="left",
+    )
+    for heading in (
+        "N",
+        "requirements",
+        "natural nominal",
+        "private nominal",
+        "guided, first draw",
+        f"guided, at most {max_draws} draws",
+        "draws",
+        "refuted",
+    ):
+        table.add_column(heading)
+    for row in rows:
+        rates = [row.natural, row.private, row.first_draw, row.satisfied]
+        table.add_row(
+            str(row.size),
+            row.requirements,
+            *(str(row.rate(count)) for count in rates),
+            str(row.most_draws),
+            str(row.refuted),
+        )
+    output().print(table)
+    output().print(
+        "natural: the nominal scene under the default requirements; private: the same scene under the changed ones; "
+        "guided: from the same z(0); refuted: claims of success that the Shapely oracle found false."
+    )
+    complete = all(row.satisfied == row.cases and not row.refuted for row in rows)
+    return SATISFIED if complete else NOT_SATISFIED
+
+
+def run_comparison(field: Field, settings: dict[str, Any], out: Path | None) -> int:
+    """The three allocations, re-anchored and not, on first draws."""
+    grid = list(product(settings["requirements"], settings["sizes"], ALLOCATIONS, (False, True)))
+    cases, seed = settings["cases"], settings["seed"]
+
+    def job(family: str, size: int, allocation: str, anew: bool) -> Callable[[], Comparison]:
+        return lambda: compare(
+            field, size, family, cases, seed, allocation=allocation, reanchored=anew
+        )
+
+    found = _rows([job(*point) for point in grid], settings, out, len(grid))
+    table = Table(
+        title=f"Tabletop: first draws, {cases} cases a row, seed {seed}, 95% Wilson intervals",
+        title_justify="left",
+    )
+    for heading in (
+        "N",
+        "requirements",
+        "allocation",
+        "re-anchored",
+        "guided, first draw",
+        "deviation",
+    ):
+        table.add_column(heading)
+    for (family, *_), row in zip(grid, [Comparison(**row) for row in found], strict=True):
+        table.add_row(
+            str(row.size),
+            family,
+            row.allocation,
+            "yes" if row.reanchored else "no",
+            str(row.rate()),
+            f"{row.deviation:.3f}",
+        )
+    output().print(table)
+    output().print(
+        "Same cases and z(0) in every row of a size. deviation: RMS distance to the nominal sample, in z, per object."
+    )
+    return SATISFIED

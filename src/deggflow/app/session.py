@@ -1,0 +1,71 @@
+"""What every command shares: compiled programs kept on disk, progress, messages, exit codes."""
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Progress
+
+SATISFIED, UNFORESEEN, BAD_INPUT, NOT_SATISFIED = 0, 1, 2, 3
+
+
+def cache_folder() -> Path:
+    """Where compiled programs are kept between runs (`DEGGFLOW_CACHE`, else the user's cache folder)."""
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(os.environ.get("DEGGFLOW_CACHE") or Path(base) / "deggflow")
+
+
+def prepare_jax() -> None:
+    """Imports JAX quietly and lets it reuse programs that an earlier run compiled."""
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+    os.environ.setdefault("JAX_PLATFORMS", "")
+    import jax
+
+    folder = cache_folder() / "xla"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return  # a read-only home: programs are compiled anew each time
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
+
+
+def console() -> "Console":
+    """Messages go to stderr; stdout is for results."""
+    from rich.console import Console
+
+    return Console(stderr=True, highlight=False)
+
+
+def output() -> "Console":
+    """Tables on stdout, wide enough to stay whole when they are piped."""
+    from rich.console import Console
+
+    return Console(highlight=False, width=None if sys.stdout.isatty() else 120)
+
+
+@contextmanager
+def progress() -> Iterator["Progress"]:
+    """Progress bars on stderr, only where somebody watches."""
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console(), disable=not sys.stderr.isatty()) as bars:
+        yield bars

@@ -1,0 +1,336 @@
+"""`deggflow tabletop`: data, train, generate, evaluate, render."""
+
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from deggflow.jsonl import InputError, ResumableOutput
+
+from .session import NOT_SATISFIED, SATISFIED, console, prepare_jax, progress
+
+if TYPE_CHECKING:
+    from deggflow.tasks.tabletop.condition import SceneCondition
+    from deggflow.tasks.tabletop.generator import TabletopGenerator
+    from deggflow.tasks.tabletop.scene import Scene
+
+Family = Literal["default", "changed", "opposite", "side", "larger", "combined"]
+
+CHUNK = 512  # scenes between two writes of a long run
+MAX_COUNT = 1_000_000
+
+
+def _at_least(name: str, value: int, low: int, high: int) -> None:
+    if not low <= value <= high:
+        raise InputError(f"--{name} must lie in [{low}, {high}]; got {value}")
+
+
+def data(
+    out: Path,
+    training: int = 4_000,
+    validation: int = 400,
+    clearance: float = 0.10,
+    seed: int = 0,
+) -> int:
+    """Make training and validation scenes of 4, 5 and 6 objects.
+
+    Args:
+        out: Folder that receives training.jsonl and validation.jsonl. A killed call is completed by the same call.
+        training: Training scenes of each size.
+        validation: Validation scenes of each size.
+        clearance: Free space aimed at around objects and regions, m.
+        seed: Seed of the scenes.
+    """
+    _at_least("training", training, 1, MAX_COUNT)
+    _at_least("validation", validation, 1, MAX_COUNT)
+    if not 0.015 <= clearance <= 0.5:
+        raise InputError(f"--clearance must lie in [0.015, 0.5] m; got {clearance}")
+    prepare_jax()
+    from deggflow.tasks.tabletop.data import Recipe, write_data
+
+    recipe = Recipe(training=training, validation=validation, clearance=clearance, seed=seed)
+    with progress() as bars:
+        bar = bars.add_task("scenes", total=None)
+        write_data(out, recipe, lambda done, total: bars.update(bar, completed=done, total=total))
+    console().print(f"Training and validation scenes are in {out}.")
+    return SATISFIED
+
+
+def train(
+    data: Path,
+    out: Path,
+    steps: int = 50_000,
+    batch: int = 256,
+    learning_rate: float = 1.5e-3,
+    width: int = 128,
+    rounds: int = 2,
+    head_width: int = 256,
+    seed: int = 0,
+) -> int:
+    """Train a nominal field; the same call goes on where a killed one stopped.
+
+    Args:
+        data: Folder with training.jsonl and validation.jsonl.
+        out: Folder that receives checkpoints, curves.csv, curves.png, field.safetensors and its card field.json.
+        steps: Training steps, a multiple of 500.
+        batch: Scenes a step.
+        learning_rate: Peak of the cosine schedule.
+        width: Width of the message-passing layers.
+        rounds: Rounds of messages.
+        head_width: Width of the last layers.
+        seed: Seed of initial weights, batches and noise.
+    """
+    prepare_jax()
+    from deggflow.tasks.tabletop.training import train_field
+    from deggflow.train import Curve, TrainingConfig
+
+    try:
+        config = TrainingConfig(steps=steps, batch=batch, learning_rate=learning_rate, seed=seed)
+        architecture = {"width": width, "rounds": rounds, "head_width": head_width}
+        with progress() as bars:
+            bar = bars.add_task("training", total=steps)
+
+            def show(curve: Curve) -> None:
+                loss = f"loss {curve.training:.4f}, validation {curve.validation:.4f}"
+                bars.update(bar, completed=curve.step, description=f"training ({loss})")
+                if bars.disable:
+                    print(f"step {curve.step}: {loss}", file=sys.stderr, flush=True)
+
+            train_field(data, out, config, architecture, show)
+    except ValueError as error:
+        raise InputError(str(error)) from None
+    from deggflow.view.curves import draw_curves
+
+    draw_curves(out / "curves.csv", out / "curves.png")
+    console().print(f"Weights, card and curves are in {out}.")
+    return SATISFIED
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """Conditions of a run by number, from a file or drawn."""
+
+    count: int
+    given: "list[SceneCondition] | None"
+    size: int
+    family: str
+    seed: int
+
+    def chunk(self, first: int, count: int) -> "list[SceneCondition]":
+        if self.given is not None:
+            return self.given[first : first + count]
+        from deggflow.tasks.tabletop.changes import random_conditions
+
+        return random_conditions(self.size, count, self.family, self.seed, first)
+
+
+def _wanted(
+    conditions: Path | None, size: int | None, count: int | None, family: str, seed: int
+) -> _Wanted:
+    if (conditions is None) == (size is None):
+        raise InputError("give either --conditions FILE or --size N (with --count M)")
+    _at_least("seed", seed, 0, 2**31 - 1)
+    if conditions is not None:
+        if count is not None or family != "changed":
+            raise InputError("--count and --requirements go with --size, not with --conditions")
+        from deggflow.tasks.tabletop.formats import read_conditions
+
+        given = read_conditions(conditions)
+        return _Wanted(len(given), given, 0, "", seed)
+    from deggflow.tasks.tabletop.library import MAX_OBJECTS
+
+    _at_least("size", size or 0, 1, MAX_OBJECTS)
+    _at_least("count", 1 if count is None else count, 1, MAX_COUNT)
+    return _Wanted(1 if count is None else count, None, size or 0, family, seed)
+
+
+def _digest(conditions: Path | None) -> str | None:
+    from hashlib import sha256
+
+    return None if conditions is None else sha256(conditions.read_bytes()).hexdigest()
+
+
+def make_generator(weights: Path | None, guidance: str) -> "TabletopGenerator":
+    """A generator for a weights file (the shipped one if None) and a guidance by name."""
+    from deggflow.tasks.tabletop.field import load_field
+    from deggflow.tasks.tabletop.generator import TabletopGenerator, tabletop_guidance
+
+    try:
+        field = load_field(weights)
+    except (OSError, ValueError) as error:
+        raise InputError(f"--weights can't be used: {error}") from None
+    return TabletopGenerator(field, tabletop_guidance() if guidance == "degg" else None)
+
+
+def _chunks(
+    generator: "TabletopGenerator", wanted: _Wanted, first: int, seed: int, max_draws: int
+) -> "Iterator[list[Scene]]":
+    for start in range(first, wanted.count, CHUNK):
+        conditions = wanted.chunk(start, min(CHUNK, wanted.count - start))
+        yield generator.scenes(conditions, seed=seed, first=start, max_draws=max_draws)
+
+
+def generate(
+    conditions: Path | None = None,
+    size: int | None = None,
+    count: int | None = None,
+    requirements: Family = "changed",
+    seed: int = 0,
+    out: Path | None = None,
+    guidance: Literal["degg", "none"] = "degg",
+    max_draws: int = 8,
+    weights: Path | None = None,
+) -> int:
+    """Generate scenes, each with its certificate, as JSON Lines.
+
+    Exit code 0: every scene satisfies its requirements (or --guidance none); 3: some do not, and their lines
+    say why; 2: bad input.
+
+    Args:
+        conditions: File of conditions, one JSON object a line.
+        size: Instead of a file: number of objects of randomly drawn scenes, 1 to 12.
+        count: How many scenes to draw with --size (default 1).
+        requirements: How the requirements of drawn scenes are changed.
+        seed: Seed of drawn conditions and of z(0).
+        out: File that receives the scenes, line by line; the same call completes it after a kill. Default: stdout.
+        guidance: degg: guided; none: the nominal field alone, one draw.
+        max_draws: How often a scene is drawn anew until it satisfies its requirements.
+        weights: Another weights file (.safetensors, card beside it).
+    """
+    import json
+
+    _at_least("max-draws", max_draws, 1, 10_000)
+    wanted = _wanted(conditions, size, count, requirements, seed)
+    settings = {
+        "command": "tabletop generate",
+        "conditions": _digest(conditions),
+        "size": wanted.size,
+        "count": wanted.count,
+        "requirements": wanted.family,
+        "seed": seed,
+        "guidance": guidance,
+        "max_draws": max_draws,
+        "weights": None if weights is None else str(weights),
+    }
+    limit = 1 if guidance == "none" else max_draws
+    prepare_jax()
+    if out is None:
+        generator = make_generator(weights, guidance)
+        failed = 0
+        for scenes in _chunks(generator, wanted, 0, seed, limit):
+            for scene in scenes:
+                print(json.dumps(scene.to_json(), allow_nan=False), flush=True)
+                failed += not scene.certificate.satisfied
+        return _summary(wanted.count, failed, guidance, None)
+    target = ResumableOutput(out, settings)
+    generator = make_generator(weights, guidance)
+    with target as lines, progress() as bars:
+        bar = bars.add_task("scenes", total=wanted.count, completed=len(lines.finished))
+        failed = sum(not row["certificate"]["satisfied"] for row in lines.finished)
+        for scenes in _chunks(generator, wanted, len(lines.finished), seed, limit):
+            lines.append([scene.to_json() for scene in scenes])
+            failed += sum(not scene.certificate.satisfied for scene in scenes)
+            bars.advance(bar, len(scenes))
+    return _summary(wanted.count, failed, guidance, out)
+
+
+def _summary(count: int, failed: int, guidance: str, out: Path | None) -> int:
+    where = "" if out is None else f" They are in {out}."
+    noun = "scene satisfies" if count == 1 else "scenes satisfy"
+    console().print(f"{count - failed} of {count} {noun} every requirement.{where}")
+    return NOT_SATISFIED if failed and guidance == "degg" else SATISFIED
+
+
+def evaluate(
+    cases: int = 1_000,
+    sizes: tuple[int, ...] = (4, 5, 6, 7, 8),
+    requirements: tuple[Family, ...] = ("changed",),
+    seed: int = 1,
+    max_draws: int = 8,
+    compare: bool = False,
+    out: Path | None = None,
+    weights: Path | None = None,
+) -> int:
+    """Measure success: nominal beside guided, every guided claim checked by an independent oracle.
+
+    Args:
+        cases: Random cases of each size.
+        sizes: Numbers of objects.
+        requirements: Families of changed requirements, one table row each.
+        seed: Seed of cases and of z(0).
+        max_draws: Limit of redraws of the last column.
+        compare: Compare the allocations own, pooled and local, re-anchored or not, on first draws instead.
+        out: JSON Lines file that receives the rows; the same call completes it after a kill.
+        weights: Another weights file (.safetensors, card beside it).
+    """
+    from deggflow.tasks.tabletop.library import MAX_OBJECTS
+
+    _at_least("cases", cases, 1, MAX_COUNT)
+    _at_least("max-draws", max_draws, 1, 10_000)
+    for size in sizes:
+        _at_least("sizes", size, 1, MAX_OBJECTS)
+    prepare_jax()
+    from .evaluation import run_comparison, run_evaluation
+
+    settings = {
+        "command": "tabletop evaluate",
+        "cases": cases,
+        "sizes": list(sizes),
+        "requirements": list(requirements),
+        "seed": seed,
+        "max_draws": max_draws,
+        "compare": compare,
+        "weights": None if weights is None else str(weights),
+    }
+    field = make_generator(weights, "none").field
+    run = run_comparison if compare else run_evaluation
+    return run(field, settings, out)
+
+
+def render(
+    scenes: Annotated[Path, tyro.conf.Positional],
+    out: Path = Path("pictures"),
+    lines: tuple[int, ...] = (),
+    nominal: bool = False,
+    video: bool = False,
+    mjcf: bool = False,
+    renderer: Literal["auto", "mujoco", "matplotlib"] = "auto",
+    weights: Path | None = None,
+) -> int:
+    """Draw scenes of a file: green regions are free, red ones obstructed, red outlines mark what collides.
+
+    Args:
+        scenes: File of scenes, as `generate` writes it.
+        out: Folder that receives the pictures.
+        lines: Which lines of the file, from 1 (default: the first 12).
+        nominal: Draw the nominal scene of the same z(0) beside each.
+        video: Also write a video of the generation.
+        mjcf: Also write each scene as a MuJoCo model (XML).
+        renderer: auto: MuJoCo where a GL library is found, else a top view by matplotlib.
+        weights: Weights the scenes were generated with, for --nominal and --video.
+    """
+    from deggflow.tasks.tabletop.formats import read_scenes
+
+    found = read_scenes(scenes)
+    chosen = lines or tuple(range(1, min(len(found), 12) + 1))
+    for line in chosen:
+        _at_least("lines", line, 1, len(found))
+    from .pictures import draw, regenerate
+
+    prepare_jax()
+    generator = make_generator(weights, "degg") if nominal or video else None
+    for line in chosen:
+        scene = found[line - 1]
+        try:
+            generations = None if generator is None else regenerate(generator, scene, line)
+        except InputError as error:
+            raise InputError(error.reason, file=scenes, line=line) from None
+        target = out / f"scene_{line:04d}.png"
+        for path in draw(
+            scene, target, renderer, generations, nominal=nominal, video=video, mjcf=mjcf
+        ):
+            print(path)
+    return SATISFIED

@@ -1,0 +1,99 @@
+"""Guidance of a team: requirements in, one input per agent out."""
+
+import abc
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from .qp import min_norm_input
+from .requirement import AbstractRequirement, ControlMap
+
+
+class GuidanceReport(NamedTuple):
+    """What happened in one evaluation of the guidance, per sample."""
+
+    value: Float[Array, " requirements"]  # V or q of each requirement
+    infeasible: Bool[Array, " agents"]  # no input of this agent meets its rows
+    effort: Float[Array, " agents"]  # |u_i|
+
+
+class AbstractGuidance(eqx.Module):
+    """Guidance has the shape of a kernel: a state from z(0), then one call per step."""
+
+    @abc.abstractmethod
+    def init(self, z0: Float[Array, "agents dim"], condition: Any) -> Any:
+        """State of one sample."""
+
+    @abc.abstractmethod
+    def __call__(
+        self,
+        state: Any,
+        tau: Float[Array, ""],
+        z: Float[Array, "agents dim"],
+        drift: Float[Array, "agents dim"],
+        condition: Any,
+    ) -> tuple[Float[Array, "agents dim"], GuidanceReport]:
+        """The correction g_i u_i of every agent, added to the nominal field, and a report."""
+
+
+class NoGuidance(AbstractGuidance):
+    """The nominal generation, u = 0."""
+
+    def init(self, z0: Float[Array, "agents dim"], condition: Any) -> None:
+        return None
+
+    def __call__(
+        self,
+        state: None,
+        tau: Float[Array, ""],
+        z: Float[Array, "agents dim"],
+        drift: Float[Array, "agents dim"],
+        condition: Any,
+    ) -> tuple[Float[Array, "agents dim"], GuidanceReport]:
+        agents = z.shape[0]
+        nothing = GuidanceReport(jnp.zeros(0), jnp.zeros(agents, bool), jnp.zeros(agents))
+        return jnp.zeros_like(z), nothing
+
+
+class DecoupledGuidance(AbstractGuidance):
+    """Each agent solves its own small QP over its rows, without knowing any other agent's input.
+
+    Args:
+        requirements: Each gives every agent one row; two at most, until more rows than the closed form of
+            `min_norm_input` are asked for.
+        control: g, one matrix per agent; None is the identity.
+        metric: H, common to the agents; None is the identity.
+
+    Source: paper, eqn:control_affine, alg:guided_sampling.
+    """
+
+    requirements: tuple[AbstractRequirement, ...]
+    control: ControlMap | None = None
+    metric: Float[Array, "inputs inputs"] | None = None
+
+    def init(self, z0: Float[Array, "agents dim"], condition: Any) -> tuple[Any, ...]:
+        return tuple(requirement.init(z0, condition) for requirement in self.requirements)
+
+    def __call__(
+        self,
+        state: tuple[Any, ...],
+        tau: Float[Array, ""],
+        z: Float[Array, "agents dim"],
+        drift: Float[Array, "agents dim"],
+        condition: Any,
+    ) -> tuple[Float[Array, "agents dim"], GuidanceReport]:
+        control = None if self.control is None else self.control(tau, z, condition)
+        rows = [
+            requirement.rows(own, tau, z, drift, control, condition)
+            for requirement, own in zip(self.requirements, state, strict=True)
+        ]
+        ell = jnp.stack([row.ell for row in rows], axis=1)
+        b = jnp.stack([row.b for row in rows], axis=1)
+        u, feasible = jax.vmap(lambda ell, b: min_norm_input(ell, b, self.metric))(ell, b)
+        value = jnp.stack([row.value for row in rows])
+        report = GuidanceReport(value, ~feasible, jnp.linalg.norm(u, axis=-1))
+        correction = u if control is None else jnp.einsum("adm,am->ad", control, u)
+        return correction, report

@@ -1,0 +1,202 @@
+"""JSON Lines in and out: strict reading that says what is wrong where, appending that can be resumed."""
+
+import fcntl
+import json
+import math
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Self, TypeVar
+
+from .files import write_atomically
+
+T = TypeVar("T")
+
+MAX_LINE = 65_536  # bytes; no valid line of any format comes near it
+MAX_LINES = 1_000_000
+
+
+class InputError(Exception):
+    """Bad input: which file, line and field, and why. Commands print it as one line and exit with 2."""
+
+    def __init__(
+        self,
+        reason: str,
+        *,
+        file: Path | str | None = None,
+        line: int | None = None,
+        field: str = "",
+    ) -> None:
+        self.reason, self.file, self.line, self.field = reason, file, line, field
+        super().__init__(reason)
+
+    def __str__(self) -> str:
+        place = [] if self.file is None else [str(self.file)]
+        place += [] if self.line is None else [f"line {self.line}"]
+        place += [f"field `{self.field}`"] if self.field else []
+        text = f"{', '.join(place)}: {self.reason}" if place else self.reason
+        return " ".join("".join(c if c.isprintable() else repr(c)[1:-1] for c in text).split())
+
+
+def _refuse_constant(name: str) -> None:
+    raise InputError(f"{name} is not a finite number")
+
+
+def _refuse_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    out: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in out:
+            raise InputError("this key stands twice", field=shorten(key))
+        out[key] = value
+    return out
+
+
+def shorten(value: Any, limit: int = 60) -> str:
+    """A value as it is quoted in a message."""
+    text = value if isinstance(value, str) else json.dumps(value, default=str)
+    return text if len(text) <= limit else text[: limit - 3] + "..."
+
+
+def parse_line(text: bytes) -> Any:
+    """One line as JSON: UTF-8, finite numbers, no key twice. Raises `InputError` without file and line."""
+    if len(text) > MAX_LINE:
+        raise InputError(f"the line is longer than {MAX_LINE} bytes")
+    if not text.strip():
+        raise InputError("the line is empty")
+    try:
+        return json.loads(
+            text.decode("utf-8"),
+            object_pairs_hook=_refuse_duplicates,
+            parse_constant=_refuse_constant,
+        )
+    except UnicodeDecodeError as error:
+        raise InputError(f"not UTF-8 text (byte {error.start + 1})") from None
+    except json.JSONDecodeError as error:
+        raise InputError(f"not JSON: {error.msg} (column {error.colno})") from None
+    except RecursionError:
+        raise InputError("not a valid line: nested too deeply") from None
+    except ValueError:  # an integer with more digits than Python converts
+        raise InputError("a number has too many digits") from None
+
+
+def read_lines(path: Path, parse: Callable[[Any], T], what: str) -> list[T]:
+    """Every line of a file through `parse`, all or nothing.
+
+    Raises:
+        InputError: With file, line, field and reason of the first thing that is wrong.
+    """
+    out: list[T] = []
+    try:
+        with path.open("rb") as file:
+            while line := file.readline(MAX_LINE + 2):
+                if len(out) == MAX_LINES:
+                    raise InputError(f"more than {MAX_LINES} lines")
+                out.append(parse(parse_line(line.rstrip(b"\r\n"))))
+    except InputError as error:
+        raise InputError(error.reason, file=path, line=len(out) + 1, field=error.field) from None
+    except OSError as error:
+        raise InputError(f"can't be read: {error.strerror}", file=path) from None
+    if not out:
+        raise InputError(f"the file is empty; it must hold one {what} a line", file=path, line=1)
+    return out
+
+
+def expect_object(
+    value: Any, field: str, allowed: Sequence[str], required: Sequence[str] = ()
+) -> Mapping[str, Any]:
+    """Checks that a value is an object with no unknown and no missing keys."""
+    if not isinstance(value, dict):
+        raise InputError(f"must be a JSON object; got {shorten(value)}", field=field)
+    for key in value:
+        if key not in allowed:
+            raise InputError(
+                f"unknown key; known are {', '.join(allowed)}", field=join(field, shorten(key))
+            )
+    for key in required:
+        if key not in value:
+            raise InputError("is missing", field=join(field, key))
+    return value
+
+
+def expect_number(value: Any, field: str, low: float, high: float, unit: str) -> float:
+    """Checks that a value is a finite number in [low, high]."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InputError(f"must be a number; got {shorten(value)}", field=field)
+    # Compared before the conversion: a huge integer has no float.
+    if not low <= value <= high or not math.isfinite(value):
+        raise InputError(
+            f"must lie in [{low:g}, {high:g}] {unit}; got {shorten(value)}", field=field
+        )
+    return float(value)
+
+
+def join(field: str, key: str) -> str:
+    """The name of a nested field."""
+    return f"{field}.{key}" if field else key
+
+
+class ResumableOutput:
+    """A JSON Lines file that a run appends to, and that a later call of the same run completes.
+
+    Beside it stands `<name>.run.json` with the run's settings, so that no other run is mixed into it.
+    """
+
+    def __init__(self, path: Path, settings: Mapping[str, Any]) -> None:
+        """Raises `InputError` if the file belongs to another run or can't be written; changes nothing then."""
+        self.path, self.settings = path, dict(settings)
+        self.run = path.with_name(path.name + ".run.json")
+        if path.is_dir():
+            raise InputError("is a folder; name a file", file=path)
+        if path.exists():
+            self._check_settings()
+
+    def _check_settings(self) -> None:
+        advice = "choose another --out, or remove it first"
+        try:
+            begun = json.loads(self.run.read_text())
+        except (OSError, ValueError):
+            raise InputError(
+                f"exists and was not begun by this command; {advice}", file=self.path
+            ) from None
+        for name, value in self.settings.items():
+            if begun.get(name) != value:
+                raise InputError(
+                    f"was begun with {name} = {shorten(begun.get(name))}, not {shorten(value)}; {advice}",
+                    file=self.path,
+                )
+
+    def __enter__(self) -> Self:
+        try:
+            if not self.path.exists():
+                write_atomically(self.run, json.dumps(self.settings, indent=2) + "\n")
+            self._file = self.path.open("a+b")
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError("another run is writing it", file=self.path) from None
+        except OSError as error:
+            raise InputError(f"can't be written: {error.strerror}", file=self.path) from None
+        self._file.seek(0)
+        self.finished: list[Any] = [json.loads(line) for line in self._whole_lines()]
+        return self
+
+    def _whole_lines(self) -> Iterator[bytes]:
+        """Finished lines; what a kill left of an unfinished one is cut off."""
+        end = 0
+        for line in self._file:
+            if not line.endswith(b"\n"):
+                break
+            end += len(line)
+            yield line
+        self._file.truncate(end)
+        self._file.seek(end)
+
+    def append(self, rows: Sequence[Mapping[str, Any]]) -> None:
+        """Writes finished rows and flushes them to disk."""
+        self._file.write(
+            b"".join(json.dumps(row, allow_nan=False).encode() + b"\n" for row in rows)
+        )
+        self._file.flush()
+        os.fsync(self._file.fileno())
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()

@@ -1,0 +1,1 @@
+"""Tasks built on the core; a task knows nothing of another."""

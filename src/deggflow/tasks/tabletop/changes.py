@@ -1,0 +1,96 @@
+"""How random scenes and changed affordance requirements are drawn (paper: Appendix on Task 2)."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from .condition import Affordance, SceneCondition
+from .library import BY_NAME, NAMES
+
+OFFSET_RANGE = (0.98, 1.12)
+RADIUS_RANGE = (1.04, 1.24)
+DIRECTION_JITTER = math.pi / 22.5  # rad
+
+Change = Callable[[np.random.Generator, str], Affordance]
+
+
+def _angle(value: float) -> float:
+    return abs(math.remainder(value, 2 * math.pi))
+
+
+def _opposite(name: str) -> float:
+    """The allowed direction farthest from the default one; the first listed of equals."""
+    return max(BY_NAME[name].directions, key=_angle)
+
+
+def _direction(rng: np.random.Generator, choices: tuple[float, ...]) -> float:
+    return float(rng.choice(choices) + rng.uniform(-DIRECTION_JITTER, DIRECTION_JITTER))
+
+
+def _default(rng: np.random.Generator, name: str) -> Affordance:
+    return Affordance()
+
+
+def _opposite_side(rng: np.random.Generator, name: str) -> Affordance:
+    return Affordance(direction=_direction(rng, (_opposite(name),)))
+
+
+def _side_direction(rng: np.random.Generator, name: str) -> Affordance:
+    others = tuple(d for d in BY_NAME[name].directions if d != _opposite(name))
+    return Affordance(direction=_direction(rng, others))
+
+
+def _larger(rng: np.random.Generator, name: str) -> Affordance:
+    return Affordance(radius_scale=rng.uniform(*RADIUS_RANGE))
+
+
+def _combined(rng: np.random.Generator, name: str) -> Affordance:
+    return Affordance(
+        rng.uniform(*OFFSET_RANGE),
+        rng.uniform(*RADIUS_RANGE),
+        _direction(rng, BY_NAME[name].directions),
+    )
+
+
+FAMILIES: dict[str, Change] = {
+    "default": _default,
+    "opposite": _opposite_side,
+    "side": _side_direction,
+    "larger": _larger,
+    "combined": _combined,
+}
+CHANGED = tuple(family for family in FAMILIES if family != "default")
+
+
+def change(condition: SceneCondition, family: str, rng: np.random.Generator) -> SceneCondition:
+    """The same objects with every object's requirement drawn from a family.
+
+    Args:
+        condition: Objects and table.
+        family: A key of `FAMILIES`; or "changed", where each object draws its family from the four changes.
+        rng: Source of randomness.
+    """
+    if family == "default":
+        return condition.with_requirements({})
+    requirements = {}
+    for name in condition.objects:
+        chosen = str(rng.choice(CHANGED)) if family == "changed" else family
+        requirements[name] = FAMILIES[chosen](rng, name)
+    return condition.with_requirements(requirements)
+
+
+def random_objects(rng: np.random.Generator, size: int) -> tuple[str, ...]:
+    """Different object types, uniformly without replacement."""
+    return tuple(str(name) for name in rng.choice(NAMES, size, replace=False))
+
+
+def random_conditions(
+    size: int, count: int, family: str, seed: int, first: int = 0
+) -> list[SceneCondition]:
+    """Conditions number `first` to `first + count - 1` of a seed; each depends on its own number alone."""
+    out = []
+    for number in range(first, first + count):
+        rng = np.random.default_rng([seed, size, number])
+        out.append(change(SceneCondition(random_objects(rng, size)), family, rng))
+    return out

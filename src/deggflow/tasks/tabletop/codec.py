@@ -1,0 +1,70 @@
+"""Between generative states and object poses (paper: Appendix on Task 2)."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .condition import Parts, SceneCondition, TabletopCondition
+from .geometry import RoundedBox
+
+ANGLE_SCALE = (
+    1.35  # rad per unit of z; positions scale with the table's half sizes, 0.70 and 0.47 m
+)
+
+
+class Pose(NamedTuple):
+    """Poses of the objects of one scene."""
+
+    x: Float[Array, " agents"]  # m
+    y: Float[Array, " agents"]  # m
+    theta: Float[Array, " agents"]  # rad, not wrapped
+
+
+def decode(z: Float[Array, "agents 3"], condition: TabletopCondition) -> Pose:
+    """The decoder: diag(half width, half depth, 1.35) z; the paper's on the paper's table."""
+    return Pose(
+        condition.half_width * z[:, 0],
+        condition.half_depth * z[:, 1],
+        ANGLE_SCALE * z[:, 2],
+    )
+
+
+def decode_exactly(
+    z: Float[np.ndarray, "agents 3"], condition: SceneCondition
+) -> Float[np.ndarray, "objects 3"]:
+    """`decode` in float64 without the padding: x, y in m and theta in rad of each object."""
+    half = (
+        np.array([condition.width, condition.depth], np.float32) / 2
+    )  # as compiled programs know it
+    scale = np.array([[*half.astype(np.float64), ANGLE_SCALE]])
+    return z[: len(condition.objects)].astype(np.float64) * scale
+
+
+def encode(pose: Pose, condition: TabletopCondition) -> Float[Array, "agents 3"]:
+    """The encoder, inverse of `decode`."""
+    return jnp.stack(
+        [pose.x / condition.half_width, pose.y / condition.half_depth, pose.theta / ANGLE_SCALE],
+        axis=-1,
+    )
+
+
+def place(parts: Parts, pose: Pose) -> RoundedBox:
+    """Parts put into the world with their owners' poses."""
+    cos, sin = jnp.cos(pose.theta), jnp.sin(pose.theta)
+
+    def of_parts(value: Float[Array, " agents"]) -> Float[Array, " parts"]:
+        # A sum over a one-hot row instead of a gather: its transpose needs no scatter.
+        return jnp.concatenate([value, jnp.sum(parts.extra_owner * value[None], axis=-1)])
+
+    x, y, cos, sin = of_parts(pose.x), of_parts(pose.y), of_parts(cos), of_parts(sin)
+    return RoundedBox(
+        x + cos * parts.x - sin * parts.y,
+        y + sin * parts.x + cos * parts.y,
+        cos,
+        sin,
+        parts.half_x,
+        parts.half_y,
+        parts.radius,
+    )

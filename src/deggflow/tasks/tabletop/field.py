@@ -1,0 +1,100 @@
+"""The tabletop's nominal vector field: which features of a scene the network reads."""
+
+from importlib.resources import files
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from deggflow.field import MessagePassingField, TeamFeatures
+from deggflow.weights import load_card, load_weights
+
+from .codec import decode, place
+from .condition import Parts, TabletopCondition
+from .geometry import RoundedBox, separating_gap, wall_margins
+from .library import MAX_OBJECTS
+
+REACH = 0.3  # m, length scale of relative positions
+NEAR, FAR = 0.05, 0.2  # m, length scales at which gaps are told apart
+SPREAD = (0.53, 0.50, 1.34)  # standard deviation of the training scenes in z
+NODE_SIZE = 2 + 8 + MAX_OBJECTS
+PAIR_SIZE = 6 + 6
+ARCHITECTURE = ("width", "rounds", "head_width")
+
+
+def _bodies(parts: Parts, agents: int) -> Parts:
+    of_agents = jax.tree.map(lambda leaf: leaf[:agents], parts)
+    return of_agents._replace(extra_owner=parts.extra_owner[:0])
+
+
+def _graded(gap: Float[Array, "..."]) -> list[Float[Array, "..."]]:
+    return [jax.nn.soft_sign(gap / NEAR), jax.nn.soft_sign(gap / FAR)]
+
+
+def _pair_features(body: RoundedBox, access: RoundedBox) -> Float[Array, "agents agents 12"]:
+    receiver, sender = body.expand(1), body.expand(0)
+    dx, dy = (sender.x - receiver.x) / REACH, (sender.y - receiver.y) / REACH
+    blocked = separating_gap(access.expand(1), sender)
+    return jnp.stack(
+        [
+            receiver.cos * dx + receiver.sin * dy,
+            receiver.cos * dy - receiver.sin * dx,
+            sender.cos * dx + sender.sin * dy,
+            sender.cos * dy - sender.sin * dx,
+            receiver.cos * sender.cos + receiver.sin * sender.sin,
+            receiver.cos * sender.sin - receiver.sin * sender.cos,
+            *_graded(separating_gap(receiver, sender)),
+            *_graded(blocked),
+            *_graded(blocked.T),
+        ],
+        axis=-1,
+    )
+
+
+def scene_features(z: Float[Array, "agents 3"], condition: TabletopCondition) -> TeamFeatures:
+    """Kinds, headings, room to the walls; relative poses and gaps of bodies and default affordance regions."""
+    pose, agents = decode(z, condition), z.shape[0]
+    body = place(_bodies(condition.primitives, agents), pose)
+    access = place(condition.access, pose)
+    walls = [
+        wall_margins(box, condition.half_width, condition.half_depth) for box in (body, access)
+    ]
+    graded = [feature for margins in walls for margin in margins for feature in _graded(margin)]
+    kind = jax.nn.one_hot(condition.kind, MAX_OBJECTS)
+    node = jnp.concatenate([jnp.stack([body.cos, body.sin, *graded], axis=-1), kind], axis=-1)
+    return TeamFeatures(node, _pair_features(body, access), condition.mask)
+
+
+def build_field(
+    key: PRNGKeyArray, width: int = 128, rounds: int = 2, head_width: int = 256
+) -> MessagePassingField:
+    """An untrained field of the given size."""
+    return MessagePassingField(
+        scene_features,
+        node_size=NODE_SIZE,
+        pair_size=PAIR_SIZE,
+        spread=SPREAD,
+        width=width,
+        rounds=rounds,
+        head_width=head_width,
+        key=key,
+    )
+
+
+def shipped_weights() -> Path:
+    """The trained weights inside the package."""
+    return Path(str(files("deggflow.tasks.tabletop"))) / "weights" / "field.safetensors"
+
+
+def load_field(path: Path | None = None) -> MessagePassingField:
+    """A trained field from a safetensors file and its card; the shipped one if no path is given.
+
+    Raises:
+        ValueError: The card or the weights are not those of a tabletop field.
+    """
+    path = shipped_weights() if path is None else path
+    size = load_card(path).get("architecture")
+    if not isinstance(size, dict) or set(size) != set(ARCHITECTURE):
+        raise ValueError(f"{path.with_suffix('.json')}: `architecture` must give {ARCHITECTURE}.")
+    return load_weights(path, build_field(jax.random.key(0), **size))

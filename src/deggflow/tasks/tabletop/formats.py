@@ -1,0 +1,132 @@
+"""Tabletop conditions and scenes as JSON Lines: what is accepted, and what is refused and why."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from deggflow.certificate import Certificate
+from deggflow.jsonl import (
+    InputError,
+    expect_number,
+    expect_object,
+    join,
+    read_lines,
+    shorten,
+)
+
+from .condition import Affordance, SceneCondition
+from .library import MAX_OBJECTS, NAMES, TABLE_DEPTH, TABLE_WIDTH
+from .scene import Scene
+
+MIN_SCALE, MAX_SCALE = 0.01, 10.0
+MIN_TABLE, MAX_TABLE = 0.01, 100.0  # m
+MAX_ANGLE = 2 * math.pi + 1e-9  # rad
+
+
+def _name(value: Any, field: str) -> str:
+    if not isinstance(value, str):
+        raise InputError(f"must be the name of an object; got {shorten(value)}", field=field)
+    if value not in NAMES:
+        raise InputError(
+            f"unknown object {shorten(value)!r}; known are {', '.join(NAMES)}", field=field
+        )
+    return value
+
+
+def _objects(value: Any, field: str) -> tuple[str, ...]:
+    if not isinstance(value, list):
+        raise InputError(f"must be a list of names; got {shorten(value)}", field=field)
+    if not 1 <= len(value) <= MAX_OBJECTS:
+        raise InputError(f"must name 1 to {MAX_OBJECTS} objects; got {len(value)}", field=field)
+    names: list[str] = []
+    for k, item in enumerate(value):
+        name = _name(item, f"{field}[{k}]")
+        if name in names:
+            raise InputError(
+                f"{name} stands twice; each object can be used once", field=f"{field}[{k}]"
+            )
+        names.append(name)
+    return tuple(names)
+
+
+def _affordance(value: Any, field: str) -> Affordance:
+    keys = ("offset_scale", "radius_scale", "direction")
+    given = expect_object(value, field, keys)
+    limits = dict.fromkeys(keys[:2], (MIN_SCALE, MAX_SCALE, ""))
+    limits["direction"] = (-MAX_ANGLE, MAX_ANGLE, "rad")
+    return Affordance(
+        **{key: expect_number(given[key], join(field, key), *limits[key]) for key in given}
+    )
+
+
+def parse_condition(value: Any, field: str = "") -> SceneCondition:
+    """A condition from its JSON object; raises `InputError` with the field."""
+    given = expect_object(value, field, ("objects", "requirements", "table"), ("objects",))
+    objects = _objects(given["objects"], join(field, "objects"))
+    place = join(field, "requirements")
+    requirements: dict[str, Affordance] = {}
+    for name, need in expect_object(given.get("requirements", {}), place, NAMES).items():
+        if name not in objects:
+            raise InputError(f"{name} is not among the objects", field=join(place, name))
+        requirements[name] = _affordance(need, join(place, name))
+    width, depth = TABLE_WIDTH, TABLE_DEPTH
+    if "table" in given:
+        place = join(field, "table")
+        table = expect_object(given["table"], place, ("width", "depth"), ("width", "depth"))
+        width, depth = (
+            expect_number(table[key], join(place, key), MIN_TABLE, MAX_TABLE, "m")
+            for key in ("width", "depth")
+        )
+    return SceneCondition(objects, requirements, width, depth, given)
+
+
+def read_conditions(path: Path) -> list[SceneCondition]:
+    """All conditions of a file, or `InputError` for the first that is wrong."""
+    return read_lines(path, parse_condition, "tabletop condition")
+
+
+def _certificate(value: Any, field: str) -> Certificate:
+    keys = ("satisfied", "min_margin", "violation", "draws", "reason")
+    given = expect_object(value, field, keys, keys)
+    if not isinstance(given["satisfied"], bool):
+        raise InputError("must be true or false", field=join(field, "satisfied"))
+    if not isinstance(given["draws"], int) or isinstance(given["draws"], bool):
+        raise InputError("must be an integer", field=join(field, "draws"))
+    if not isinstance(given["reason"], str | None):
+        raise InputError("must be text or null", field=join(field, "reason"))
+    for key in ("min_margin", "violation"):
+        expect_number(given[key], join(field, key), -1e12, 1e12, "")
+    return Certificate(**given)
+
+
+def parse_scene(value: Any) -> Scene:
+    """A scene from its JSON object; raises `InputError` with the field."""
+    keys = ("condition", "objects", "certificate", "seed")
+    given = expect_object(value, "", keys, keys)
+    condition = parse_condition(given["condition"], "condition")
+    objects = given["objects"]
+    if not isinstance(objects, list) or len(objects) != len(condition.objects):
+        raise InputError("must list the condition's objects, one pose each", field="objects")
+    poses = []
+    for k, (item, name) in enumerate(zip(objects, condition.objects, strict=True)):
+        field = f"objects[{k}]"
+        entry = expect_object(item, field, ("name", "x", "y", "theta"), ("name", "x", "y", "theta"))
+        if entry["name"] != name:
+            raise InputError(f"must be {name}, as in the condition", field=f"{field}.name")
+        poses.append(
+            [
+                expect_number(entry[key], f"{field}.{key}", -1e6, 1e6, "")
+                for key in ("x", "y", "theta")
+            ]
+        )
+    if not isinstance(given["seed"], int) or isinstance(given["seed"], bool):
+        raise InputError("must be an integer", field="seed")
+    certificate = _certificate(given["certificate"], "certificate")
+    return Scene(condition, np.array(poses), certificate, given["seed"])
+
+
+def read_scenes(path: Path) -> list[Scene]:
+    """All scenes of a file, or `InputError` for the first that is wrong."""
+    return read_lines(path, parse_scene, "tabletop scene")

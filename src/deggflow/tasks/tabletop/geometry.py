@@ -1,0 +1,125 @@
+"""Signed distances between rounded boxes in the plane.
+
+Every shape of the tabletop task is a rounded box: a core rectangle grown by a radius. A disk has a
+zero core. All arrays broadcast, so one call measures one pair or every pair of a scene.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+_CORNERS = ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0))
+
+
+class RoundedBox(NamedTuple):
+    """Rounded boxes placed in the world; all fields broadcast against each other."""
+
+    x: Float[Array, "..."]  # m, centre
+    y: Float[Array, "..."]  # m, centre
+    cos: Float[Array, "..."]  # of the heading
+    sin: Float[Array, "..."]
+    half_x: Float[Array, "..."]  # m, half extents of the core
+    half_y: Float[Array, "..."]
+    radius: Float[Array, "..."]  # m, how far the core is grown
+
+    def expand(self, axis: int) -> "RoundedBox":
+        """The same boxes with a new axis of length one, to measure all pairs by broadcasting."""
+        return RoundedBox(*(jnp.expand_dims(field, axis) for field in self))
+
+
+def _in_frame(
+    frame: RoundedBox, x: Float[Array, "..."], y: Float[Array, "..."]
+) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    dx, dy = x - frame.x, y - frame.y
+    return frame.cos * dx + frame.sin * dy, frame.cos * dy - frame.sin * dx
+
+
+def _safe_sqrt(square: Float[Array, "..."], valid: Float[Array, "..."]) -> Float[Array, "..."]:
+    """Square root where `valid`, zero elsewhere, with finite gradients everywhere."""
+    return jnp.where(valid, jnp.sqrt(jnp.where(valid, square, 1.0)), 0.0)
+
+
+def point_distance(
+    x: Float[Array, "..."], y: Float[Array, "..."], box: RoundedBox
+) -> Float[Array, "..."]:
+    """Signed distance of points to rounded boxes, in m; negative inside."""
+    u, v = _in_frame(box, x, y)
+    gap_x, gap_y = jnp.abs(u) - box.half_x, jnp.abs(v) - box.half_y
+    out_x, out_y = jnp.maximum(gap_x, 0.0), jnp.maximum(gap_y, 0.0)
+    square = out_x**2 + out_y**2
+    inside = jnp.minimum(jnp.maximum(gap_x, gap_y), 0.0)
+    return _safe_sqrt(square, square > 0.0) + inside - box.radius
+
+
+def _one_way(a: RoundedBox, b: RoundedBox) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """Least squared distance of b's core vertices to a's core, and the gap along a's two axes."""
+    u, v = _in_frame(a, b.x, b.y)
+    cos = a.cos * b.cos + a.sin * b.sin
+    sin = a.cos * b.sin - a.sin * b.cos
+    ux, uy = b.half_x * cos, b.half_y * sin
+    vx, vy = b.half_x * sin, b.half_y * cos
+    squares = []
+    for side_x, side_y in _CORNERS:
+        out_x = jnp.maximum(jnp.abs(u + side_x * ux - side_y * uy) - a.half_x, 0.0)
+        out_y = jnp.maximum(jnp.abs(v + side_x * vx + side_y * vy) - a.half_y, 0.0)
+        squares.append(out_x**2 + out_y**2)
+    near = jnp.minimum(jnp.minimum(squares[0], squares[1]), jnp.minimum(squares[2], squares[3]))
+    gap_x = jnp.abs(u) - a.half_x - jnp.abs(ux) - jnp.abs(uy)
+    gap_y = jnp.abs(v) - a.half_y - jnp.abs(vx) - jnp.abs(vy)
+    return near, jnp.maximum(gap_x, gap_y)
+
+
+def _combine(
+    near: Float[Array, "..."], gap: Float[Array, "..."], radii: Float[Array, "..."]
+) -> Float[Array, "..."]:
+    separated = (gap > 0.0) & (near > 0.0)
+    return jnp.where(separated, _safe_sqrt(near, separated), jnp.minimum(gap, 0.0)) - radii
+
+
+def box_distance(a: RoundedBox, b: RoundedBox) -> Float[Array, "..."]:
+    """Signed distance between rounded boxes, in m.
+
+    Separated cores: the exact distance, attained at a vertex of one of them. Overlapping cores: minus
+    the depth of penetration along the best separating axis. Then the radii are taken off.
+    """
+    near_a, gap_a = _one_way(a, b)
+    near_b, gap_b = _one_way(b, a)
+    near, gap = jnp.minimum(near_a, near_b), jnp.maximum(gap_a, gap_b)
+    return _combine(near, gap, a.radius + b.radius)
+
+
+def pairwise_distance(boxes: RoundedBox) -> Float[Array, "boxes boxes"]:
+    """Signed distance of every pair of a list of boxes, in m; the diagonal means nothing.
+
+    Each ordered pair is looked at once, from one side, and the two sides are combined by a transpose:
+    the work of counting each unordered pair once, without gathers.
+    """
+    near, gap = _one_way(boxes.expand(1), boxes.expand(0))
+    radii = boxes.radius[:, None] + boxes.radius[None, :]
+    return _combine(jnp.minimum(near, near.T), jnp.maximum(gap, gap.T), radii)
+
+
+def separating_gap(a: RoundedBox, b: RoundedBox) -> Float[Array, "..."]:
+    """Largest gap along the four face normals minus the radii, in m: a cheap lower bound of the distance."""
+    (u, v), (p, q) = _in_frame(a, b.x, b.y), _in_frame(b, a.x, a.y)
+    cos = jnp.abs(a.cos * b.cos + a.sin * b.sin)
+    sin = jnp.abs(a.cos * b.sin - a.sin * b.cos)
+    gap_a = jnp.maximum(
+        jnp.abs(u) - a.half_x - b.half_x * cos - b.half_y * sin,
+        jnp.abs(v) - a.half_y - b.half_x * sin - b.half_y * cos,
+    )
+    gap_b = jnp.maximum(
+        jnp.abs(p) - b.half_x - a.half_x * cos - a.half_y * sin,
+        jnp.abs(q) - b.half_y - a.half_x * sin - a.half_y * cos,
+    )
+    return jnp.maximum(gap_a, gap_b) - a.radius - b.radius
+
+
+def wall_margins(
+    box: RoundedBox, half_width: Float[Array, ""], half_depth: Float[Array, ""]
+) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """How far a box stays inside the table along x and along y, in m; negative where it sticks out."""
+    reach_x = box.half_x * jnp.abs(box.cos) + box.half_y * jnp.abs(box.sin) + box.radius
+    reach_y = box.half_x * jnp.abs(box.sin) + box.half_y * jnp.abs(box.cos) + box.radius
+    return half_width - jnp.abs(box.x) - reach_x, half_depth - jnp.abs(box.y) - reach_y

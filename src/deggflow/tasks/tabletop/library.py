@@ -1,0 +1,89 @@
+"""The twelve objects of the tabletop task and their affordance regions.
+
+Source: paper, Table "Object geometry and default affordance regions for Task 2". Lengths in m, angles
+in rad, coordinates in the object's body frame.
+"""
+
+import math
+from dataclasses import dataclass
+
+TABLE_WIDTH = 1.40  # m
+TABLE_DEPTH = 0.94  # m
+
+
+@dataclass(frozen=True)
+class Primitive:
+    """A rounded rectangle with half extents (including the rounding); a disk has both equal to the radius."""
+
+    half_x: float
+    half_y: float
+    corner: float  # m, corner radius
+    x: float = 0.0
+    y: float = 0.0
+
+
+@dataclass(frozen=True)
+class Region:
+    """A disk beside the object that must stay free while the object is used."""
+
+    x: float
+    y: float
+    radius: float
+
+
+@dataclass(frozen=True)
+class ObjectType:
+    """One kind of object: shape, default affordance regions, and other directions a user may ask for."""
+
+    name: str
+    primitives: tuple[Primitive, ...]
+    regions: tuple[Region, ...]
+    directions: tuple[float, ...]  # rad, alternatives to the default direction 0
+
+
+def _disk(radius: float, x: float = 0.0, y: float = 0.0) -> Primitive:
+    return Primitive(radius, radius, radius, x, y)
+
+
+def _row(xs: tuple[float, ...], y: float, radius: float) -> tuple[Region, ...]:
+    return tuple(Region(x, y, radius) for x in xs)
+
+
+_QUARTER = (-math.pi / 2, math.pi / 2)
+_TILT = (-math.pi / 6, math.pi / 6)
+_ALL = (math.pi, *_QUARTER)
+
+LIBRARY: tuple[ObjectType, ...] = (
+    ObjectType(
+        "drawer_organizer",
+        (Primitive(0.156, 0.090, 0.012),),
+        _row((-0.1, 0.0, 0.1), -0.205, 0.108),
+        _TILT,
+    ),
+    ObjectType("teacup", (_disk(0.046), _disk(0.019, 0.061)), (Region(0.125, 0.0, 0.055),), _ALL),
+    ObjectType("desk_lamp", (_disk(0.06),), (Region(0.0, -0.147, 0.079),), _QUARTER),
+    ObjectType("laptop", (Primitive(0.085, 0.065, 0.006),), (Region(0.155, 0.0, 0.07),), _ALL),
+    ObjectType("potted_plant", (_disk(0.078),), (Region(0.0, -0.123, 0.062),), _ALL),
+    ObjectType("handled_mug", (_disk(0.067),), (Region(0.0, -0.141, 0.054),), _QUARTER),
+    ObjectType(
+        "drawing_board",
+        (Primitive(0.135, 0.048, 0.008),),
+        _row((-0.065, 0.065), -0.108, 0.05),
+        _TILT,
+    ),
+    ObjectType("scissors", (Primitive(0.039, 0.026, 0.016),), (Region(0.083, 0.0, 0.043),), _ALL),
+    ObjectType(
+        "compact_printer", (Primitive(0.099, 0.07, 0.009),), (Region(0.0, -0.133, 0.057),), _ALL
+    ),
+    ObjectType(
+        "pencil_case", (Primitive(0.037, 0.072, 0.007),), (Region(0.087, 0.0, 0.046),), _ALL
+    ),
+    ObjectType(
+        "tissue_box", (Primitive(0.049, 0.04, 0.009),), (Region(0.0, -0.103, 0.047),), _QUARTER
+    ),
+    ObjectType("pen_cup", (_disk(0.034),), (Region(0.083, 0.0, 0.039),), _ALL),
+)
+
+NAMES: tuple[str, ...] = tuple(kind.name for kind in LIBRARY)
+BY_NAME: dict[str, ObjectType] = {kind.name: kind for kind in LIBRARY}
+MAX_OBJECTS = len(LIBRARY)

@@ -1,0 +1,104 @@
+"""The geometric requirements h_ik of Task 2 and the violation V_i built from them.
+
+Margins are signed distances in m, `h >= 0` where the requirement holds. This file serves guidance, data
+and the field; the verdict on a finished scene is `verdict.py`, which shares nothing with it.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from .codec import decode, place
+from .condition import Parts, TabletopCondition
+from .geometry import RoundedBox, pairwise_distance, point_distance, wall_margins
+
+ABSENT = 10.0  # m, margin of a requirement that does not exist (padding, an object with itself)
+
+
+class Margins(NamedTuple):
+    """Every margin of a scene, in m; `ABSENT` where there is none."""
+
+    separation: Float[Array, "primitives primitives"]
+    unobstructed: Float[Array, "regions primitives"]
+    object_wall: Float[Array, "2 primitives"]  # inside the table along x, along y
+    region_wall: Float[Array, "2 regions"]
+
+
+def _between_owners(a: Parts, b: Parts) -> Bool[Array, "a b"]:
+    apart = a.owner[:, None] != b.owner[None, :]
+    return apart & a.valid[:, None] & b.valid[None, :]
+
+
+def _walls(box: RoundedBox, valid: Bool[Array, " parts"], condition: TabletopCondition) -> Array:
+    margins = jnp.stack(wall_margins(box, condition.half_width, condition.half_depth))
+    return jnp.where(valid[None], margins, ABSENT)
+
+
+def scene_margins(z: Float[Array, "agents 3"], condition: TabletopCondition) -> Margins:
+    """All margins of one scene at the state z."""
+    pose = decode(z, condition)
+    primitives = place(condition.primitives, pose)
+    regions = place(condition.regions, pose)
+    separation = pairwise_distance(primitives)
+    free = point_distance(regions.x[:, None], regions.y[:, None], primitives.expand(0))
+    free = free - regions.radius[:, None]
+    return Margins(
+        jnp.where(_between_owners(condition.primitives, condition.primitives), separation, ABSENT),
+        jnp.where(_between_owners(condition.regions, condition.primitives), free, ABSENT),
+        _walls(primitives, condition.primitives.valid, condition),
+        _walls(regions, condition.regions.valid, condition),
+    )
+
+
+def least_margin(z: Float[Array, "agents 3"], condition: TabletopCondition) -> Float[Array, ""]:
+    """The smallest margin of a scene, in m."""
+    margins = scene_margins(z, condition)
+    return jnp.min(jnp.stack([jnp.min(margin) for margin in margins]))
+
+
+def _to_agents(value: Float[Array, " parts"], parts: Parts) -> Float[Array, " agents"]:
+    agents = parts.extra_owner.shape[-1]
+    extra = jnp.sum(parts.extra_owner * value[agents:, None], axis=0)
+    return value[:agents] + extra
+
+
+class HingeViolation(eqx.Module):
+    """V_i = sum_k max(buffer - h_ik, 0)^2 / 2 (paper: Task 2), in m^2.
+
+    A separation belongs to both objects, an affordance region and what obstructs it to the region's owner.
+    `V <= buffer^2 / 2` implies that every h_ik >= 0.
+    """
+
+    buffer: float = eqx.field(static=True, default=0.02)  # m, delta^PE
+
+    def __call__(
+        self, z: Float[Array, "agents 3"], condition: TabletopCondition
+    ) -> Float[Array, " agents"]:
+        """V_i of each agent."""
+        hinge = Margins(
+            *(
+                jnp.maximum(self.buffer - margin, 0.0) ** 2 / 2
+                for margin in scene_margins(z, condition)
+            )
+        )
+        of_primitives = hinge.separation.sum(axis=1) + hinge.object_wall.sum(axis=0)
+        of_regions = hinge.unobstructed.sum(axis=1) + hinge.region_wall.sum(axis=0)
+        return _to_agents(of_primitives, condition.primitives) + _to_agents(
+            of_regions, condition.regions
+        )
+
+
+def dependence(
+    z: Float[Array, "agents 3"], condition: TabletopCondition, buffer: float
+) -> Bool[Array, "owners agents"]:
+    """Which agents' states each V_j depends on now: itself, and whoever takes part in an active margin of j."""
+    margins = scene_margins(z, condition)
+    agents = condition.mask.shape[-1]
+    identity = jnp.eye(agents)
+    primitive_owner = jnp.concatenate([identity, condition.primitives.extra_owner])
+    region_owner = jnp.concatenate([identity, condition.regions.extra_owner])
+    active = primitive_owner.T @ (margins.separation < buffer) @ primitive_owner
+    active = active + region_owner.T @ (margins.unobstructed < buffer) @ primitive_owner
+    return (active > 0.0) | jnp.eye(agents, dtype=bool)

@@ -1,0 +1,52 @@
+"""Random arrangements relaxed until their default requirements hold: the demonstrations of Task 2."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from .codec import ANGLE_SCALE
+from .condition import TabletopCondition
+from .margins import HingeViolation, least_margin
+
+LEVER_ARM = 0.1  # m, turns metres into radians when positions and headings share one step size
+STEP = 0.2  # of the preconditioned gradient
+STEPS = 600
+
+
+def random_states(key: PRNGKeyArray, condition: TabletopCondition) -> Float[Array, "agents 3"]:
+    """Positions uniform on the table, headings uniform on the circle."""
+    unit = jax.random.uniform(key, (*condition.mask.shape, 3), minval=-1.0, maxval=1.0)
+    return unit * jnp.array([[1.0, 1.0, jnp.pi / ANGLE_SCALE]])
+
+
+def relax(
+    z: Float[Array, "agents 3"], condition: TabletopCondition, clearance: float
+) -> Float[Array, "agents 3"]:
+    """Gradient steps on the violation with a buffer of `clearance` m, one scene."""
+    violation = HingeViolation(clearance)
+    scale = jnp.stack(
+        [condition.half_width, condition.half_depth, jnp.asarray(ANGLE_SCALE * LEVER_ARM)]
+    )
+    gradient = jax.grad(lambda state: violation(state, condition).sum())
+
+    def step(_: int, state: Float[Array, "agents 3"]) -> Float[Array, "agents 3"]:
+        return state - STEP * gradient(state) / scale[None] ** 2
+
+    return jax.lax.fori_loop(0, STEPS, step, z)
+
+
+@partial(jax.jit, static_argnames="clearance")
+def relaxed_scenes(
+    keys: PRNGKeyArray, conditions: TabletopCondition, clearance: float
+) -> tuple[Float[Array, "scenes agents 3"], Float[Array, " scenes"]]:
+    """Relaxed states of a batch of conditions, one key each, and the least margin of each in m."""
+
+    def one(
+        key: PRNGKeyArray, condition: TabletopCondition
+    ) -> tuple[Float[Array, "agents 3"], Float[Array, ""]]:
+        z = relax(random_states(key, condition), condition, clearance)
+        return z, least_margin(z, condition)
+
+    return jax.vmap(one)(keys, conditions)

@@ -1,0 +1,264 @@
+"""The verdict on finished scenes: exact geometry in float64, from the object library and poses alone.
+
+Shares no code with the margins that guidance uses: cores are polygons given by their corners, distances
+run over corner-edge pairs, penetration over the polygons' own edge normals.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+from functools import cache
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from .condition import SceneCondition
+from .library import BY_NAME
+
+BUFFER = 0.02  # m, delta^PE of the reported violation V (paper, Task 2)
+_CHUNK = 512  # scenes measured at once
+
+Poses = Float[np.ndarray, "agents 3"]
+
+
+class Kind(Enum):
+    """The kinds of geometric requirement."""
+
+    SEPARATION = "separation"
+    UNOBSTRUCTED = "unobstructed"
+    OBJECT_ON_TABLE = "object on table"
+    REGION_ON_TABLE = "region on table"
+
+
+_KINDS = tuple(Kind)
+
+
+class Breach(NamedTuple):
+    """One requirement that does not hold. `owner` and `other` index the condition's objects."""
+
+    kind: Kind
+    owner: int
+    region: (
+        int  # affordance region of the owner; -1 where the requirement is about the object itself
+    )
+    other: int  # who is too close or obstructs; -1 for the table's edge
+    margin: float  # m, negative
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What exact geometry says of one scene."""
+
+    min_margin: float  # m, the least of all margins
+    violation: float  # V with the buffer delta^PE, m^2
+    breaches: tuple[Breach, ...]  # the worst first
+
+    @property
+    def satisfied(self) -> bool:
+        """Whether every requirement holds."""
+        return not self.breaches
+
+    def reason(self, objects: Sequence[str]) -> str | None:
+        """The worst breach in words and the number of others; None if all requirements hold."""
+        if not self.breaches:
+            return None
+        more = len(self.breaches) - 1
+        return _describe(self.breaches[0], objects) + (f" (and {more} more)" if more else "")
+
+
+def _describe(breach: Breach, objects: Sequence[str]) -> str:
+    owner, depth = objects[breach.owner], f"{-breach.margin:.4f} m"
+    other = objects[breach.other]
+    match breach.kind:
+        case Kind.SEPARATION:
+            return f"{owner} and {other} overlap by {depth}"
+        case Kind.UNOBSTRUCTED:
+            return f"{other} obstructs affordance region {breach.region + 1} of {owner} by {depth}"
+        case Kind.OBJECT_ON_TABLE:
+            return f"{owner} reaches {depth} over the table's edge"
+        case Kind.REGION_ON_TABLE:
+            return f"affordance region {breach.region + 1} of {owner} reaches {depth} over the table's edge"
+
+
+class _Shapes(NamedTuple):
+    """Grown polygons of a batch of scenes in one list."""
+
+    corners: Float[np.ndarray, "shapes 4 2"]  # m, world, counterclockwise
+    radius: Float[np.ndarray, " shapes"]
+    scene: Int[np.ndarray, " shapes"]
+    owner: Int[np.ndarray, " shapes"]
+    region: Int[np.ndarray, " shapes"]  # -1 for the object's own shape
+
+
+@cache
+def _body_shapes(name: str) -> tuple[Float[np.ndarray, "shapes 4 2"], Float[np.ndarray, " shapes"]]:
+    signs = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
+    parts = BY_NAME[name].primitives
+    corners = [signs * [p.half_x - p.corner, p.half_y - p.corner] + [p.x, p.y] for p in parts]
+    return np.array(corners), np.array([p.corner for p in parts])
+
+
+def _region_shapes(
+    condition: SceneCondition, name: str
+) -> tuple[Float[np.ndarray, "shapes 4 2"], Float[np.ndarray, " shapes"]]:
+    need, regions = condition.affordance(name), BY_NAME[name].regions
+    centre = np.array([complex(r.x, r.y) for r in regions])
+    centre = centre * need.offset_scale * np.exp(1j * need.direction)
+    points = np.stack([centre.real, centre.imag], axis=-1)
+    radius = need.radius_scale * np.array([r.radius for r in regions])
+    return np.repeat(points[:, None], 4, axis=1), radius
+
+
+def _collect(conditions: Sequence[SceneCondition], poses: Sequence[Poses]) -> _Shapes:
+    corners, radius, scene, owner, region, place = [], [], [], [], [], []
+    for s, (condition, pose) in enumerate(zip(conditions, poses, strict=True)):
+        for i, name in enumerate(condition.objects):
+            for is_region, (shape, grown) in enumerate(
+                (_body_shapes(name), _region_shapes(condition, name))
+            ):
+                corners.append(shape)
+                radius.append(grown)
+                scene += [s] * len(grown)
+                owner += [i] * len(grown)
+                region += list(range(len(grown))) if is_region else [-1] * len(grown)
+                place += [pose[i]] * len(grown)
+    x, y, theta = np.array(place, np.float64).T[..., None]
+    local = np.concatenate(corners)
+    cos, sin = np.cos(theta), np.sin(theta)
+    world = np.stack(
+        [
+            x + cos * local[..., 0] - sin * local[..., 1],
+            y + sin * local[..., 0] + cos * local[..., 1],
+        ],
+        axis=-1,
+    )
+    return _Shapes(
+        world, np.concatenate(radius), np.array(scene), np.array(owner), np.array(region)
+    )
+
+
+def _corner_to_edge(
+    points: Float[np.ndarray, "pairs points 2"], polygon: Float[np.ndarray, "pairs 4 2"]
+) -> Float[np.ndarray, " pairs"]:
+    """Least distance from the points to the edges of the polygon."""
+    start, edge = polygon[:, None], (np.roll(polygon, -1, axis=1) - polygon)[:, None]
+    length2 = np.sum(edge**2, axis=-1)
+    along = np.sum((points[:, :, None] - start) * edge, axis=-1)
+    along = np.clip(along / np.where(length2 > 0, length2, 1.0), 0.0, 1.0)
+    gap = points[:, :, None] - start - along[..., None] * edge
+    return np.sqrt(np.sum(gap**2, axis=-1)).min(axis=(1, 2))
+
+
+def _depth(
+    a: Float[np.ndarray, "pairs 4 2"], b: Float[np.ndarray, "pairs points 2"]
+) -> Float[np.ndarray, " pairs"]:
+    """Largest separation along a's edge normals: negative where none of them separates a from b."""
+    edge = np.roll(a, -1, axis=1) - a
+    length = np.sqrt(np.sum(edge**2, axis=-1))
+    normal = np.stack([edge[..., 1], -edge[..., 0]], axis=-1)
+    normal = normal / np.where(length > 0, length, 1.0)[..., None]
+    reach = np.einsum("pen,pvn->pev", normal, b).min(axis=-1) - np.einsum("pen,pen->pe", normal, a)
+    return np.where(length > 0, reach, -np.inf).max(axis=1)
+
+
+def _polygon_distance(
+    a: Float[np.ndarray, "pairs 4 2"], b: Float[np.ndarray, "pairs points 2"]
+) -> Float[np.ndarray, " pairs"]:
+    """Signed distance of polygon a to polygon b (or to a single point)."""
+    gap, distance = _depth(a, b), _corner_to_edge(b, a)
+    if b.shape[1] > 1:
+        gap, distance = np.maximum(gap, _depth(b, a)), np.minimum(distance, _corner_to_edge(a, b))
+    # Neither shape has an edge (two disks): nothing can penetrate, the centres' distance is all.
+    return np.where((gap <= 0) & np.isfinite(gap), gap, distance)
+
+
+def _pairs(shapes: _Shapes) -> tuple[Int[np.ndarray, " pairs"], Int[np.ndarray, " pairs"]]:
+    """Indices of the pairs to measure: bodies of two objects, and regions with others' bodies."""
+    firsts, seconds = [], []
+    starts = np.searchsorted(shapes.scene, np.arange(shapes.scene[-1] + 2))
+    for begin, end in pairwise(starts):
+        owner, is_body = shapes.owner[begin:end], shapes.region[begin:end] < 0
+        apart = owner[:, None] != owner[None, :]
+        later = owner[:, None] < owner[None, :]
+        wanted = is_body[None, :] & np.where(is_body[:, None], later, apart)
+        first, second = np.nonzero(wanted)
+        firsts.append(first + begin)
+        seconds.append(second + begin)
+    return np.concatenate(firsts), np.concatenate(seconds)
+
+
+class _Measured(NamedTuple):
+    margin: Float[np.ndarray, " rows"]
+    kind: Int[np.ndarray, " rows"]
+    scene: Int[np.ndarray, " rows"]
+    owner: Int[np.ndarray, " rows"]
+    region: Int[np.ndarray, " rows"]
+    other: Int[np.ndarray, " rows"]
+    shared: Bool[np.ndarray, " rows"]  # counts for both objects
+
+
+def _measure(conditions: Sequence[SceneCondition], poses: Sequence[Poses]) -> _Measured:
+    shapes = _collect(conditions, poses)
+    first, second = _pairs(shapes)
+    of_region = shapes.region[first] >= 0
+    distance = np.empty(len(first))
+    bodies, regions = np.nonzero(~of_region)[0], np.nonzero(of_region)[0]
+    distance[bodies] = _polygon_distance(
+        shapes.corners[first[bodies]], shapes.corners[second[bodies]]
+    )
+    distance[regions] = _polygon_distance(
+        shapes.corners[second[regions]], shapes.corners[first[regions], :1]
+    )
+    distance -= shapes.radius[first] + shapes.radius[second]
+    half = np.array([[c.width, c.depth] for c in conditions])[shapes.scene] / 2
+    inside = half - np.abs(shapes.corners).max(axis=1) - shapes.radius[:, None]
+    walls = len(shapes.radius)
+    return _Measured(
+        np.concatenate([distance, inside[:, 0], inside[:, 1]]),
+        np.concatenate([np.where(of_region, 1, 0), *[np.where(shapes.region < 0, 2, 3)] * 2]),
+        np.concatenate([shapes.scene[first], shapes.scene, shapes.scene]),
+        np.concatenate([shapes.owner[first], shapes.owner, shapes.owner]),
+        np.concatenate([shapes.region[first], shapes.region, shapes.region]),
+        np.concatenate([shapes.owner[second], np.full(2 * walls, -1)]),
+        np.concatenate([~of_region, np.zeros(2 * walls, bool)]),
+    )
+
+
+def _verdicts(conditions: Sequence[SceneCondition], poses: Sequence[Poses]) -> list[Verdict]:
+    rows, count = _measure(conditions, poses), len(conditions)
+    least = np.full(count, np.inf)
+    np.minimum.at(least, rows.scene, rows.margin)
+    hinge = np.maximum(BUFFER - rows.margin, 0.0) ** 2 / 2 * np.where(rows.shared, 2.0, 1.0)
+    violation = np.bincount(rows.scene, hinge, minlength=count)
+    breaches: list[list[Breach]] = [[] for _ in conditions]
+    # `not >=` so that a margin that is not a number counts as a breach.
+    failing = np.nonzero(~(rows.margin >= 0.0))[0]
+    for k in failing[np.argsort(rows.margin[failing])]:
+        breaches[rows.scene[k]].append(
+            Breach(
+                _KINDS[rows.kind[k]],
+                int(rows.owner[k]),
+                int(rows.region[k]),
+                int(rows.other[k]),
+                float(rows.margin[k]),
+            )
+        )
+    return [
+        Verdict(float(m), float(v), tuple(b))
+        for m, v, b in zip(least, violation, breaches, strict=True)
+    ]
+
+
+def judge(conditions: Sequence[SceneCondition], poses: Sequence[Poses]) -> list[Verdict]:
+    """Verdicts on scenes.
+
+    Args:
+        conditions: One condition per scene.
+        poses: x, y (m) and theta (rad) of each object, one array of shape (agents, 3) per scene.
+    """
+    out: list[Verdict] = []
+    for start in range(0, len(conditions), _CHUNK):
+        out += _verdicts(conditions[start : start + _CHUNK], poses[start : start + _CHUNK])
+    return out

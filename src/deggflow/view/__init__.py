@@ -1,0 +1,1 @@
+"""Pictures: scenes in MuJoCo, drawn top views, videos."""

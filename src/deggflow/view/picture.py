@@ -1,0 +1,115 @@
+"""Pictures of scenes as arrays, beside each other, and as PNG files."""
+
+from collections.abc import Sequence
+from contextlib import closing
+from functools import cache
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from PIL import Image, ImageDraw, ImageFont
+
+from deggflow.files import write_atomically
+from deggflow.tasks.tabletop.condition import SceneCondition
+from deggflow.tasks.tabletop.verdict import judge
+
+from .marks import checked_poses
+from .stage import Camera, RendererName, open_stage
+
+_OVERSAMPLING = 3  # pictures for print; a video makes do with less
+_INK, _GREY = (25, 25, 25), (70, 70, 70)
+
+Picture = UInt8[np.ndarray, "height width 3"]
+Sheet = UInt8[np.ndarray, "rows columns 3"]
+
+
+def render(
+    condition: SceneCondition,
+    poses: Float[np.ndarray, "agents 3"],
+    *,
+    width: int = 960,
+    height: int = 720,
+    camera: Camera = "studio",
+    renderer: RendererName = "auto",
+) -> UInt8[np.ndarray, "height width 3"]:
+    """A picture of one scene.
+
+    Args:
+        condition: Objects, requirements and table.
+        poses: x, y (m) and theta (rad) of each object.
+        width: Of the picture, pixels.
+        height: Of the picture, pixels.
+        camera: "studio" (slanted) or "top"; MuJoCo only.
+        renderer: "mujoco", "matplotlib" (a top view), or "auto": MuJoCo where OpenGL can be used.
+    """
+    rows = checked_poses(condition, poses)
+    stage = open_stage(
+        condition,
+        width=width,
+        height=height,
+        camera=camera,
+        renderer=renderer,
+        oversampling=_OVERSAMPLING,
+    )
+    with closing(stage):
+        return stage.picture(rows, judge([condition], [rows])[0])
+
+
+def side_by_side(
+    left: Picture,
+    right: Picture,
+    *,
+    titles: tuple[str, str] = ("Nominal", "Guided"),
+    captions: tuple[str, str] | None = None,
+) -> Sheet:
+    """Two pictures beside each other as in the paper: title above, caption of one line below."""
+    return panels([left, right], titles=titles, captions=captions)
+
+
+def panels(
+    images: Sequence[Picture], *, titles: Sequence[str], captions: Sequence[str] | None = None
+) -> Sheet:
+    """Pictures of one height in a row, each with a title and, if given, a caption of one line."""
+    heights = {image.shape[0] for image in images}
+    if len(heights) != 1:
+        raise ValueError(f"`images` in a row must have the same height; got {sorted(heights)}.")
+    height = heights.pop()
+    gap, text = max(height // 40, 4), max(height // 24, 9)  # pixels
+    head, foot = 2 * text, (round(1.9 * text) if captions else gap)
+    widths = [image.shape[1] for image in images]
+    total = (sum(widths) + gap * (len(images) + 1), head + height + foot)
+    sheet = Image.new("RGB", total, "white")
+    draw, x = ImageDraw.Draw(sheet), gap
+    for k, image in enumerate(images):
+        sheet.paste(Image.fromarray(image), (x, head))
+        draw.rectangle((x, head, x + widths[k] - 1, head + height - 1), outline=(205, 205, 205))
+        middle = x + widths[k] / 2
+        draw.text((middle, head / 2), titles[k], _INK, font("bold", text), anchor="mm")
+        if captions:
+            fitted = _fitting(captions[k], round(0.8 * text), widths[k])
+            draw.text((middle, head + height + foot / 2), captions[k], _GREY, fitted, anchor="mm")
+        x += widths[k] + gap
+    return np.array(sheet)
+
+
+def save_png(path: Path | str, image: Picture) -> None:
+    """Writes a picture; a kill at any moment leaves the old file or the new one."""
+    content = BytesIO()
+    Image.fromarray(image).save(content, format="PNG", optimize=True)
+    write_atomically(Path(path), content.getvalue())
+
+
+@cache
+def font(weight: str, size: int) -> ImageFont.FreeTypeFont:
+    """One of matplotlib's fonts, "regular" or "bold": the same letters on every machine."""
+    from matplotlib import get_data_path
+
+    file = {"regular": "STIXGeneral.ttf", "bold": "STIXGeneralBol.ttf"}[weight]
+    return ImageFont.truetype(f"{get_data_path()}/fonts/ttf/{file}", size)
+
+
+def _fitting(text: str, size: int, width: int) -> ImageFont.FreeTypeFont:
+    """The regular font, smaller than asked where the text would be wider than its picture."""
+    needed = font("regular", size).getlength(text)
+    return font("regular", max(min(size, int(size * width / max(needed, 1.0))), 6))

@@ -1,0 +1,189 @@
+"""The scene from above, drawn by matplotlib: needs no OpenGL, can be saved as vector graphics."""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+from matplotlib.patheffects import withStroke
+from scipy.spatial import ConvexHull
+
+from deggflow.tasks.tabletop.condition import SceneCondition
+from deggflow.tasks.tabletop.library import BY_NAME
+from deggflow.tasks.tabletop.verdict import Verdict, judge
+
+from .bodies import solids_of
+from .marks import Marks, checked_poses, discs_of, marks_of
+from .solids import Colour, Solid, frustum_corners, rotation
+
+# Bluish green and vermilion differ for colour-blind readers too (Okabe and Ito, 2008); hatching and
+# dashes tell them apart in print without colour.
+FREE, BLOCKED = "#009e73", "#d55e00"
+OUTLINE = "#d4201f"
+_MARGIN = 0.06  # m around the table
+_DPI = 100  # dots per inch of figures turned into pixels
+_ROUND = np.linspace(0.0, 2.0 * np.pi, 33)[:-1]
+
+Polygon = Float[np.ndarray, "_ 2"]
+
+
+def topview_figure(
+    condition: SceneCondition,
+    poses: Float[np.ndarray, "agents 3"],
+    verdict: Verdict | None = None,
+    *,
+    size: tuple[float, float] = (6.0, 4.5),
+) -> Figure:
+    """The scene from above as a matplotlib figure.
+
+    Args:
+        condition: Objects, requirements and table.
+        poses: x, y (m) and theta (rad) of each object.
+        verdict: Decides what is red; exact geometry is asked if it is not given.
+        size: Width and height, inches.
+
+    Returns:
+        A figure that belongs to no window; save it by `figure.savefig("scene.pdf")`.
+    """
+    rows = checked_poses(condition, poses)
+    verdict = judge([condition], [rows])[0] if verdict is None else verdict
+    figure = Figure(figsize=size, dpi=_DPI)
+    left, bottom, rest = 0.70, 0.48, 0.08  # inches around the axes, for the labels
+    width, height = size[0] - left - rest, size[1] - bottom - rest
+    axes = figure.add_axes(
+        (left / size[0], bottom / size[1], max(width, 0.1) / size[0], max(height, 0.1) / size[1])
+    )
+    _draw_table(axes, condition)
+    marks = marks_of(verdict)
+    for i, name in enumerate(condition.objects):
+        _draw_regions(axes, condition, i, name, rows[i], marks)
+    for i, name in enumerate(condition.objects):
+        _draw_object(axes, name, rows[i], i in marks.outlined)
+    return figure
+
+
+def topview_image(
+    condition: SceneCondition,
+    poses: Float[np.ndarray, "agents 3"],
+    verdict: Verdict | None,
+    width: int,
+    height: int,
+) -> UInt8[np.ndarray, "height width 3"]:
+    """The scene from above in pixels."""
+    size = (width / _DPI, height / _DPI)
+    canvas = FigureCanvasAgg(topview_figure(condition, poses, verdict, size=size))
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+
+def _draw_table(axes: Axes, condition: SceneCondition) -> None:
+    half_x, half_y = condition.width / 2, condition.depth / 2
+    corners = np.array([[-half_x, -half_y], [half_x, -half_y], [half_x, half_y], [-half_x, half_y]])
+    _draw(axes, [corners], 0.0, facecolors="#f6f2ea", edgecolors="#8c8172", linewidths=1.2)
+    axes.set_xlim(-half_x - _MARGIN, half_x + _MARGIN)
+    axes.set_ylim(-half_y - _MARGIN, half_y + _MARGIN)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x (m)")
+    axes.set_ylabel("y (m)")
+    axes.tick_params(length=0, colors="#444444")
+    axes.spines[:].set_visible(False)
+
+
+def _draw_regions(
+    axes: Axes,
+    condition: SceneCondition,
+    owner: int,
+    name: str,
+    pose: Float[np.ndarray, " 3"],
+    marks: Marks,
+) -> None:
+    for k, disc in enumerate(discs_of(condition, name)):
+        centre = tuple(_placed(np.array([[disc.x, disc.y]]), pose)[0])
+        blocked = (owner, k) in marks.blocked
+        colour = BLOCKED if blocked else FREE
+        fill = Circle(centre, disc.radius, facecolor=colour, alpha=0.22, zorder=1)
+        edge = Circle(centre, disc.radius, fill=False, edgecolor=colour, linewidth=1.4, zorder=1.5)
+        if blocked:
+            edge.set(linestyle=(0, (3, 1.6)), hatch="////")
+        for patch in (fill, edge):
+            patch.set_clip_on(False)
+            axes.add_patch(patch)
+
+
+def _draw_object(axes: Axes, name: str, pose: Float[np.ndarray, " 3"], outlined: bool) -> None:
+    outlines = [_placed(part, pose) for part in _footprints(name)]
+    if outlined:
+        _draw(axes, outlines, 2.0, facecolors="none", edgecolors=OUTLINE, linewidths=6.0)
+    _draw(axes, outlines, 2.1, facecolors="#ddd5c6", edgecolors="#6b6257", linewidths=0.8)
+    parts = [_placed(part, pose) for part, _ in _silhouettes(name)]
+    colours = [colour for _, colour in _silhouettes(name)]
+    _draw(axes, parts, 2.2, facecolors=colours, edgecolors="face", linewidths=0.2)
+    label = axes.text(
+        float(pose[0]),
+        min(float(part[:, 1].min()) for part in outlines) - 0.004,
+        name.replace("_", " "),
+        ha="center",
+        va="top",
+        fontsize=7,
+        zorder=4,
+    )
+    label.set_path_effects([withStroke(linewidth=2, foreground="white")])
+
+
+def _draw(axes: Axes, polygons: list[Polygon], zorder: float, **style: Any) -> None:
+    """Polygons in matplotlib's `style`; what lies beyond the axes is drawn too."""
+    axes.add_collection(PolyCollection(polygons, zorder=zorder, clip_on=False, **style))
+
+
+def _placed(points: Polygon, pose: Float[np.ndarray, " 3"]) -> Polygon:
+    cos, sin = np.cos(pose[2]), np.sin(pose[2])
+    return points @ np.array([[cos, sin], [-sin, cos]]) + pose[:2]
+
+
+@cache
+def _footprints(name: str) -> list[Polygon]:
+    """Outlines of the library's shapes, in the body frame."""
+    outlines = []
+    for part in BY_NAME[name].primitives:
+        core = np.array([part.half_x - part.corner, part.half_y - part.corner])
+        around = np.stack([np.cos(_ROUND + 1e-9), np.sin(_ROUND + 1e-9)], axis=-1)
+        outlines.append(np.sign(around) * core + part.corner * around + [part.x, part.y])
+    return outlines
+
+
+@cache
+def _silhouettes(name: str) -> list[tuple[Polygon, Colour]]:
+    """What is seen of each solid from above; they are listed from the bottom up."""
+    drawn = []
+    for solid in solids_of(name):
+        points = _surface(solid)[:, :2]
+        drawn.append((points[ConvexHull(points).vertices], solid.colour))
+    return drawn
+
+
+def _surface(solid: Solid) -> Float[np.ndarray, "points 3"]:
+    """Points whose convex hull is the solid (up to the polygon that stands for a circle)."""
+    circle = np.stack([np.cos(_ROUND), np.sin(_ROUND), np.zeros_like(_ROUND)], axis=-1)
+    tilts = np.linspace(-np.pi / 2, np.pi / 2, 9)[:, None, None]
+    up = np.array([0.0, 0.0, 1.0])
+    sphere = (np.cos(tilts) * circle + np.sin(tilts) * up).reshape(-1, 3)
+    match solid.shape:
+        case "capsule":
+            ends = np.array([solid.at, solid.to])
+            return (ends[:, None] + solid.size[0] * sphere).reshape(-1, 3)
+        case "cylinder":
+            radius, half = solid.size
+            local = np.concatenate([radius * circle - half * up, radius * circle + half * up])
+        case "frustum":
+            local = frustum_corners(solid)
+        case "box":
+            signs = np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3), axis=-1).reshape(-1, 3)
+            local = signs * solid.size
+        case "ellipsoid":
+            local = sphere * solid.size
+    return local @ rotation(solid.turn).T + solid.at

@@ -1,0 +1,58 @@
+"""Trained weights as a safetensors file with a JSON card beside it. Nothing is unpickled."""
+
+import json
+from pathlib import Path
+from typing import Any, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from safetensors.numpy import load_file, save
+
+from .files import write_atomically
+
+M = TypeVar("M", bound=eqx.Module)
+
+
+def _named_arrays(module: eqx.Module) -> dict[str, Any]:
+    arrays = eqx.filter(module, eqx.is_inexact_array)
+    return {
+        jax.tree_util.keystr(path).lstrip("."): leaf
+        for path, leaf in jax.tree_util.tree_leaves_with_path(arrays)
+    }
+
+
+def save_weights(path: Path, module: eqx.Module, card: dict[str, Any]) -> None:
+    """Writes `path` (safetensors) and the card beside it (same name, .json)."""
+    arrays = {name: np.asarray(leaf) for name, leaf in _named_arrays(module).items()}
+    write_atomically(path, save(arrays))
+    write_atomically(path.with_suffix(".json"), json.dumps(card, indent=2) + "\n")
+
+
+def load_card(path: Path) -> dict[str, Any]:
+    """The card of a weights file."""
+    card: dict[str, Any] = json.loads(path.with_suffix(".json").read_text())
+    return card
+
+
+def load_weights(path: Path, skeleton: M) -> M:
+    """The skeleton with its arrays replaced by those of the file.
+
+    Raises:
+        ValueError: Names or shapes in the file are not those of the skeleton.
+    """
+    stored, wanted = load_file(path), _named_arrays(skeleton)
+    if stored.keys() != wanted.keys():
+        odd = sorted(stored.keys() ^ wanted.keys())
+        raise ValueError(
+            f"{path} does not hold this field's weights: {odd[0]} is on one side only."
+        )
+    for name, leaf in wanted.items():
+        if stored[name].shape != leaf.shape:
+            raise ValueError(
+                f"{path}: {name} has shape {stored[name].shape}, this field needs {leaf.shape}."
+            )
+    leaves = [jnp.asarray(stored[name]) for name in wanted]
+    arrays, rest = eqx.partition(skeleton, eqx.is_inexact_array)
+    return eqx.combine(jax.tree.unflatten(jax.tree.structure(arrays), leaves), rest)
