@@ -5,6 +5,12 @@ import tempfile
 from pathlib import Path
 
 
+def _new_file_mode() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return 0o666 & ~mask
+
+
 def write_atomically(path: Path, content: str | bytes) -> None:
     """Writes beside the target, flushes to disk, and renames over it."""
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -14,6 +20,7 @@ def write_atomically(path: Path, content: str | bytes) -> None:
         with os.fdopen(handle, "wb") as file:
             file.write(data)
             file.flush()
+            os.fchmod(file.fileno(), _new_file_mode())  # mkstemp's own is for the owner alone
             os.fsync(file.fileno())
         os.replace(name, path)
     except BaseException:

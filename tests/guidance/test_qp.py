@@ -1,0 +1,112 @@
+"""The local QP by its KKT conditions, and against quadprog."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import quadprog
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from deggflow.guidance import min_norm_input
+
+SIZES = st.integers(1, 4)
+
+
+def instance(seed, rows, inputs):
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(inputs, inputs))
+    metric = root @ root.T + 0.1 * np.eye(inputs)
+    ell = rng.normal(size=(rows, inputs)) * 10.0 ** rng.uniform(-3, 3, (rows, 1))
+    b = rng.normal(size=rows) * np.linalg.norm(ell, axis=1)
+    return ell, b, metric
+
+
+def solve(ell, b, metric):
+    with jax.enable_x64(True):
+        out = min_norm_input(jnp.asarray(ell), jnp.asarray(b), jnp.asarray(metric))
+        return np.asarray(out.u), bool(out.feasible)
+
+
+def kkt_residual(ell, b, metric, u):
+    """Least residual of stationarity, over nonnegative multipliers of the rows that bind."""
+    norm = np.linalg.norm(ell, axis=1)
+    slack = (ell @ u + b) / norm
+    assert np.all(slack <= 1e-9 * (1 + np.linalg.norm(u)))
+    binding = slack > -1e-9 * (1 + np.linalg.norm(u))
+    gradient = 2 * metric @ u
+    if not binding.any():
+        return np.linalg.norm(gradient)
+    rows = (ell / norm[:, None])[binding]
+    multipliers = np.linalg.lstsq(rows.T, -gradient, rcond=None)[0]
+    assert np.all(multipliers >= -1e-7 * (1 + np.linalg.norm(gradient)))
+    return np.linalg.norm(gradient + rows.T @ multipliers)
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 2), SIZES)
+def test_kkt_conditions_and_quadprog(seed, rows, inputs):
+    if rows == 2 and inputs == 1:
+        inputs = 2  # parallel rows have a test of their own
+    ell, b, metric = instance(seed, rows, inputs)
+    u, feasible = solve(ell, b, metric)
+    assert feasible
+    scale = 1 + np.linalg.norm(metric) * np.linalg.norm(u)
+    assert kkt_residual(ell, b, metric, u) <= 1e-7 * scale
+    norm = np.linalg.norm(ell, axis=1)
+    other = quadprog.solve_qp(2 * metric, np.zeros(inputs), -(ell / norm[:, None]).T, b / norm)[0]
+    assert u @ metric @ u == pytest.approx(other @ metric @ other, rel=1e-6, abs=1e-12)
+
+
+def test_no_rows_no_input():
+    u, feasible = min_norm_input(jnp.zeros((0, 3)), jnp.zeros(0))
+    assert feasible
+    assert jnp.array_equal(u, jnp.zeros(3))
+
+
+def test_a_met_row_costs_nothing():
+    u, feasible = min_norm_input(jnp.ones((2, 3)), jnp.array([-1.0, 0.0]))
+    assert feasible
+    assert jnp.array_equal(u, jnp.zeros(3))
+
+
+@pytest.mark.parametrize("rows", [1, 2])
+def test_a_row_that_no_input_changes_is_infeasible_if_it_must_be_met(rows):
+    ell = jnp.eye(3)[:rows].at[0].set(0.0)
+    must = jnp.full(rows, 0.5)
+    u, feasible = min_norm_input(ell, must)
+    assert not feasible
+    assert jnp.all(jnp.isfinite(u))
+    if rows == 2:
+        assert ell[1] @ u + must[1] <= 1e-6  # the other row is met all the same
+    assert min_norm_input(ell, -must).feasible
+
+
+@pytest.mark.parametrize(
+    ("b", "feasible"), [((1.0, -2.0), True), ((1.0, -1.0), True), ((1.0, -0.5), False)]
+)
+def test_opposed_rows_are_feasible_only_if_their_half_spaces_meet(b, feasible):
+    ell = jnp.array([[1.0, 0.0], [-1.0, 0.0]])
+    u, found = min_norm_input(ell, jnp.array(b))
+    assert bool(found) == feasible
+    if feasible:
+        np.testing.assert_allclose(u, [-1.0, 0.0], atol=1e-6)
+
+
+def test_equal_rows_need_the_larger_input():
+    ell = jnp.array([[0.0, 2.0], [0.0, 2.0]])
+    u, feasible = min_norm_input(ell, jnp.array([1.0, 3.0]))
+    assert feasible
+    np.testing.assert_allclose(u, [0.0, -1.5], atol=1e-6)
+
+
+def test_gradients_are_finite_at_zero_rows():
+    def effort(ell):
+        return jnp.sum(min_norm_input(ell, jnp.ones(2)).u ** 2)
+
+    assert jnp.all(jnp.isfinite(jax.grad(effort)(jnp.zeros((2, 3)))))
+
+
+def test_three_rows_are_refused():
+    with pytest.raises(ValueError, match="`ell` has 3 rows"):
+        min_norm_input(jnp.ones((3, 2)), jnp.ones(3))

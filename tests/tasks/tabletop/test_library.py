@@ -1,0 +1,52 @@
+"""The library is the paper's table."""
+
+import math
+
+import numpy as np
+
+from deggflow.tasks.tabletop.library import (
+    BY_NAME,
+    LIBRARY,
+    MAX_OBJECTS,
+    NAMES,
+    TABLE_DEPTH,
+    TABLE_WIDTH,
+)
+
+
+def test_names(paper):
+    assert NAMES == tuple(paper)
+    assert MAX_OBJECTS == 12
+    assert {name: kind.name for name, kind in BY_NAME.items()} == {name: name for name in paper}
+
+
+def test_table():
+    assert (TABLE_WIDTH, TABLE_DEPTH) == (1.40, 0.94)
+
+
+def test_primitives(paper):
+    for kind in LIBRARY:
+        got = [(p.half_x, p.half_y, p.corner, p.x, p.y) for p in kind.primitives]
+        assert got == paper[kind.name][0]
+
+
+def test_a_corner_fits_into_its_primitive():
+    for kind in LIBRARY:
+        for primitive in kind.primitives:
+            assert 0 < primitive.corner <= min(primitive.half_x, primitive.half_y)
+
+
+def test_regions(paper):
+    for kind in LIBRARY:
+        assert [(r.x, r.y, r.radius) for r in kind.regions] == paper[kind.name][1]
+
+
+def test_directions(paper):
+    for kind in LIBRARY:
+        assert sorted(kind.directions) == sorted(paper[kind.name][2])
+
+
+def test_no_alternative_is_the_default_direction():
+    for kind in LIBRARY:
+        turns = np.array(kind.directions) / (2 * math.pi)
+        assert np.all(np.abs(turns - np.round(turns)) > 0.05)
