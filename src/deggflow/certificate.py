@@ -29,7 +29,7 @@ class Certificate:
 
 def certify(
     margins: Callable[[Float[Array, "agents dim"], Any], Float[Array, "agents requirements"]],
-    z: Float[Array, "agents dim"],
+    z: Float[Array | np.ndarray, "agents dim"],
     condition: Any = None,
     *,
     buffer: float = 0.0,

@@ -6,7 +6,7 @@ import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import Any, TypeVar
 
 from .files import write_atomically
 
@@ -165,13 +165,14 @@ class ResumableOutput:
                     file=self.path,
                 )
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "ResumableOutput":
         try:
             if not self.path.exists():
                 write_atomically(self.run, json.dumps(self.settings, indent=2) + "\n")
             self._file = self.path.open("a+b")
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
+            self._file.close()
             raise InputError("another run is writing it", file=self.path) from None
         except OSError as error:
             raise InputError(f"can't be written: {error.strerror}", file=self.path) from None

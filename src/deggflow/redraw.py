@@ -1,8 +1,8 @@
 """Redraws: a sample that its verdict refuses is drawn again from a new z(0), up to a limit."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from typing import Generic, NamedTuple, TypeVar
+from dataclasses import dataclass, replace
+from typing import Generic, TypeVar
 
 from .certificate import Certificate
 
@@ -16,7 +16,8 @@ BATCHES = (
 )  # sizes of compiled batches; the last partial batch is padded to one of them
 
 
-class Candidate(NamedTuple, Generic[T]):
+@dataclass(frozen=True)
+class Candidate(Generic[T]):
     """A decoded sample and what its verdict says."""
 
     sample: T
@@ -45,7 +46,7 @@ def draw(
             if k not in kept or _better(candidate.certificate, kept[k].certificate):
                 kept[k] = candidate
             certificate = replace(kept[k].certificate, draws=number + 1)
-            kept[k] = kept[k]._replace(certificate=certificate)
+            kept[k] = replace(kept[k], certificate=certificate)
         pending = [k for k in pending if not kept[k].certificate.satisfied]
         if not pending:
             break

@@ -1,6 +1,5 @@
 """A short video of a generation: objects move to their places, regions turn green on the way."""
 
-import os
 import subprocess
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -13,6 +12,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from PIL import Image, ImageDraw
 
+from deggflow.files import replacing
 from deggflow.tasks.tabletop.condition import SceneCondition
 from deggflow.tasks.tabletop.verdict import judge
 
@@ -110,16 +110,8 @@ def _finished(
 
 
 def _encode(path: Path, frames: Iterator[UInt8[np.ndarray, "rows columns 3"]], fps: int) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    # The encoder chooses the container by the ending, hence the suffix.
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".mp4")
-    os.close(handle)
-    try:
-        _run_encoder(name, frames, fps)
-        os.replace(name, path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
+    with replacing(path) as beside:
+        _run_encoder(str(beside), frames, fps)
 
 
 def _run_encoder(

@@ -135,7 +135,9 @@ def _reference(condition, poses):
     out = {}
     for kind, chosen in pairs.items():
         first, second = [a for a, _ in chosen], [b for _, b in chosen]
-        core = _core_distance([c for c, _ in first], [c for c, _ in second]) if chosen else np.zeros(0)
+        core = (
+            _core_distance([c for c, _ in first], [c for c, _ in second]) if chosen else np.zeros(0)
+        )
         out[kind + " of cores"] = core
         out[kind] = core - [a[1] + b[1] for a, b in chosen]
     for kind, shapes in (("object on table", bodies), ("region on table", regions)):

@@ -137,7 +137,9 @@ def test_wall_margins(row):
     half = np.array([HALF_WIDTH, HALF_DEPTH])
     core = affinity.translate(
         affinity.rotate(
-            shapely.convex_hull(shapely.multipoints([(s * row[3], t * row[4]) for s in (-1, 1) for t in (-1, 1)])),
+            shapely.convex_hull(
+                shapely.multipoints([(s * row[3], t * row[4]) for s in (-1, 1) for t in (-1, 1)])
+            ),
             row[2],
             origin=(0, 0),
             use_radians=True,
@@ -231,8 +233,12 @@ def test_gradients_are_finite_everywhere():
 
 
 def test_pairwise_gradient_is_finite_at_coincident_boxes():
-    row = np.array([[0.1, 0.2, 0.5, 0.1, 0.05, 0.01]] * 2 + [[0.1, 0.2, 0.0, 0.0, 0.0, 0.03]] * 2, np.float32)
+    row = np.array(
+        [[0.1, 0.2, 0.5, 0.1, 0.05, 0.01]] * 2 + [[0.1, 0.2, 0.0, 0.0, 0.0, 0.03]] * 2, np.float32
+    )
     gradient = jax.jit(
-        jax.grad(lambda motion: pairwise_distance(placed((*motion, *jnp.asarray(row[:, 3:].T)))).sum())
+        jax.grad(
+            lambda motion: pairwise_distance(placed((*motion, *jnp.asarray(row[:, 3:].T)))).sum()
+        )
     )(jnp.asarray(row[:, :3].T))
     assert np.isfinite(np.asarray(gradient)).all()

@@ -15,7 +15,7 @@ from deggflow.tasks.tabletop.library import (
 
 
 def test_names(paper):
-    assert NAMES == tuple(paper)
+    assert tuple(paper) == NAMES
     assert MAX_OBJECTS == 12
     assert {name: kind.name for name, kind in BY_NAME.items()} == {name: name for name in paper}
 

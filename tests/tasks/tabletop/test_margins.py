@@ -54,7 +54,11 @@ def padded(conditions, poses, agents):
 def teams(random_scenes, agents):
     """Scenes of every number of objects that has this padded size, under all families of requirements."""
     conditions, poses = [], []
-    sizes = range(1, agents + 1) if agents == SIZES[0] else range(SIZES[SIZES.index(agents) - 1] + 1, agents + 1)
+    sizes = (
+        range(1, agents + 1)
+        if agents == SIZES[0]
+        else range(SIZES[SIZES.index(agents) - 1] + 1, agents + 1)
+    )
     for size in sizes:
         for family in ("default", "changed", "combined"):
             some = random_scenes(size, 8, size, family)
@@ -68,7 +72,9 @@ def test_margins_and_violations_are_the_verdicts(random_scenes, agents):
     verdicts = judge(conditions, poses)
     least, parts, _ = measured(*padded(conditions, poses, agents))
     np.testing.assert_allclose(least, [v.min_margin for v in verdicts], atol=ROUNDING)
-    np.testing.assert_allclose(parts.sum(axis=1), [v.violation for v in verdicts], rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(
+        parts.sum(axis=1), [v.violation for v in verdicts], rtol=1e-5, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("agents", SIZES)
@@ -92,13 +98,13 @@ def test_every_margin_is_the_references(random_scenes, reference, agents):
         np.testing.assert_allclose(twice[::2], twice[1::2], atol=1e-12)
 
 
-def test_violations_belong_to_their_owners(random_scenes, reference):
-    """A separation counts for both, a region for its owner: V_i is what the others' removal of i's regions leaves."""
+def test_violations_belong_to_their_owners():
+    """A separation counts for both objects, an obstructed region for its owner alone."""
     objects = ("pen_cup", "desk_lamp")
     scenes = {
-        # separation by 0.01 m, seen by both
+        # 0.01 m between the two
         (0.104, 0.0): ((math.pi, 0.0), [0.01**2 / 2, 0.01**2 / 2]),
-        # the lamp 0.005 m inside the pen cup's region: the pen cup's alone
+        # the lamp 0.005 m inside the pen cup's region
         (0.177, 0.0): ((0.0, 0.0), [(BUFFER + 0.005) ** 2 / 2, 0.0]),
     }
     conditions = [SceneCondition(objects)] * len(scenes)
@@ -179,7 +185,9 @@ def test_gradient_is_finite_where_all_objects_coincide():
     condition = SceneCondition(("teacup", "laptop", "desk_lamp", "drawer_organizer", "pen_cup"))
     z, arrays = padded([condition], [np.zeros((5, 3))], 6)
     with jax.enable_x64(True):
-        gradients = _slopes(*jax.tree.map(lambda leaf: np.repeat(leaf, COUNT, axis=0), (z, arrays)))[1]
+        gradients = _slopes(
+            *jax.tree.map(lambda leaf: np.repeat(leaf, COUNT, axis=0), (z, arrays))
+        )[1]
     assert np.isfinite(np.asarray(gradients)).all()
 
 

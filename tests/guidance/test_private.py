@@ -1,0 +1,163 @@
+"""The finite-horizon theorem for PE guidance, its rows and its infeasibility, on random fields."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from deggflow import (
+    DecoupledGuidance,
+    Local,
+    NoGuidance,
+    Own,
+    Pooled,
+    PrivateRequirement,
+    generate,
+    hinge_violation,
+    refined_grid,
+)
+from deggflow.guidance import LinearSchedule
+
+AGENTS, RHO, KAPPA, BUFFER = 4, 0.75, 1.15, 0.02
+ALLOCATIONS = {
+    "own": Own(),
+    "pooled": Pooled(),
+    "local": Local(lambda z, condition: jnp.ones((AGENTS, AGENTS), bool)),
+}
+
+
+def margins(z, condition):
+    """Agents keep 1.0 apart and inside a disk of radius 3 around the origin."""
+    offset = z[:, None] - z[None] + 10.0 * jnp.eye(AGENTS)[..., None]
+    apart = jnp.linalg.norm(offset, axis=-1) - 1.0
+    inside = 3.0 - jnp.linalg.norm(z, axis=-1)
+    return jnp.concatenate([apart, inside[:, None]], axis=1)
+
+
+def crowd(tau, z, condition):
+    """A field that fights the requirement: everybody to one point, with a swirl drawn at random."""
+    swirl = jnp.tanh(z @ condition)
+    return (jnp.array([[2.5, 1.0]]) - z) * 3.0 + swirl
+
+
+violation = hinge_violation(margins, BUFFER)
+
+
+def requirement(name, reanchored):
+    return PrivateRequirement(
+        violation=violation, allocation=ALLOCATIONS[name], reanchored=reanchored
+    )
+
+
+@pytest.mark.parametrize("name", ALLOCATIONS)
+@pytest.mark.parametrize("reanchored", [False, True])
+def test_rows_together_imply_the_decay_of_v(name, reanchored, key):
+    """Sum of the rows: dV/dtau <= -c omega V^rho (paper, eqn:app_PE_scalar_decay)."""
+    one = requirement(name, reanchored)
+    guidance = DecoupledGuidance((one,))
+    z0 = jax.random.normal(key, (AGENTS, 2))
+    z = z0 + 0.3 * jax.random.normal(jax.random.key(5), z0.shape)
+    tau, condition = jnp.asarray(0.4), jnp.eye(2)
+    drift = crowd(tau, z, condition)
+    correction, report = guidance(guidance.init(z0, condition), tau, z, drift, condition)
+    assert not jnp.any(report.infeasible)
+
+    def total(z):
+        return jnp.sum(violation(z, condition))
+
+    _, decay = jax.jvp(total, (z,), (drift + correction,))
+    omega = 0.1 + 1.8 * tau
+    remaining = (1 - tau) * 0.1 + 0.9 * (1 - tau**2)
+    base, rest = (total(z), remaining) if reanchored else (total(z0), 1.0)
+    c = KAPPA / (1 - RHO) * base ** (1 - RHO) / rest
+    assert decay <= -c * omega * total(z) ** RHO * (1 - 1e-3)
+
+
+def excess(name, steps):
+    """Largest V above the theorem's bound, over 64 random starts and fields; and who stayed feasible."""
+    grid = refined_grid(steps)
+    guidance = DecoupledGuidance((requirement(name, False),))
+
+    @jax.jit
+    @jax.vmap
+    def run(key):
+        start, swirl = jax.random.split(key)
+        z0 = jax.random.normal(start, (AGENTS, 2))
+        return generate(crowd, guidance, z0, jax.random.normal(swirl, (2, 2)), grid=grid)
+
+    out = run(jax.random.split(jax.random.key(3), 64))
+    v, tau = np.asarray(out.trace.value[..., 0], np.float64), np.asarray(grid)[:-1]
+    start = v[:, :1] ** (1 - RHO)
+    done = 0.1 * tau + 0.9 * tau**2
+    bound = np.maximum(start - KAPPA * start * done[None], 0.0) ** (1 / (1 - RHO))
+    assert not np.asarray(out.trace.infeasible).any()
+    return (v - bound).max(axis=1), v[:, 0]
+
+
+@pytest.mark.parametrize("name", ALLOCATIONS)
+def test_v_stays_under_the_theorems_bound_along_the_trajectory(name):
+    """thm:private_finite_time, which is of continuous time: what Euler steps add vanishes with them.
+
+    Samples that start with V(0) = 0 have a bound of zero throughout, and show the added part bare.
+    """
+    coarse, start = excess(name, 500)
+    fine, _ = excess(name, 2000)
+    violated = start > BUFFER**2
+    assert violated.sum() >= 30
+    assert fine[violated].max() <= coarse[violated].max() / 3
+    assert fine.max() <= coarse.max() / 3
+
+
+def test_reanchored_guidance_converges_from_wherever_v_stands():
+    """V(tau) <= V(s) (remaining(tau) / remaining(s))^(kappa / (1 - rho)), after any disturbance."""
+    omega = LinearSchedule()
+    guidance = DecoupledGuidance((requirement("pooled", True),))
+    z0 = jax.random.normal(jax.random.key(2), (AGENTS, 2))
+    grid = refined_grid(3000)
+    kick = 700
+
+    first = jax.jit(lambda z: generate(crowd, guidance, z, jnp.eye(2), grid=grid[: kick + 1]))(z0)
+    disturbed = 0.2 * first.z  # everybody thrown together
+    rest = jax.jit(lambda z: generate(crowd, guidance, z, jnp.eye(2), grid=grid[kick:]))(disturbed)
+    v, times = np.asarray(rest.trace.value[:, 0], np.float64), np.asarray(rest.trace.tau)
+    assert v[0] > 0.1
+    left = np.array([float(omega.remaining(jnp.asarray(t))) for t in times])
+    bound = v[0] * (left / left[0]) ** (KAPPA / (1 - RHO))
+    early = left > 0.011  # below, the floor of the remaining integral takes over
+    assert np.all(v[early] <= np.maximum(1.02 * bound[early], BUFFER**2 / 2))
+    assert np.all(np.asarray(margins(rest.z, None)) >= 0)
+
+
+def test_without_guidance_the_same_field_breaks_the_requirement():
+    z0 = jax.random.normal(jax.random.key(2), (AGENTS, 2))
+    out = generate(crowd, NoGuidance(), z0, jnp.eye(2), grid=refined_grid(200))
+    assert jnp.min(margins(out.z, None)) < 0
+
+
+def test_a_requirement_no_input_can_change_names_the_agent():
+    def stuck(z, condition):
+        return jnp.array([0.0, 1.0, 0.0, 0.0]) + 0.0 * jnp.sum(z)
+
+    for allocation in ALLOCATIONS.values():
+        one = PrivateRequirement(violation=stuck, allocation=allocation)
+        out = generate(crowd, DecoupledGuidance((one,)), jnp.zeros((AGENTS, 2)), jnp.eye(2))
+        assert jnp.all(out.trace.infeasible[:, 1])
+        assert not jnp.any(out.trace.infeasible[:, jnp.array([0, 2, 3])])
+        assert jnp.all(jnp.isfinite(out.z))
+
+
+@pytest.mark.parametrize(("field", "value"), [("rho", 1.0), ("rho", 0.0), ("kappa", 0.9)])
+def test_constants_outside_the_theorem_are_refused(field, value):
+    with pytest.raises(ValueError, match=f"`{field}` must .* got {value}"):
+        PrivateRequirement(violation=violation, **{field: value})
+
+
+def test_schedule_integral_matches_quadrature():
+    omega = LinearSchedule(0.3, 1.1)
+    for start in (0.0, 0.25, 0.9):
+        points = np.linspace(start, 1.0, 2001)
+        values = np.array(jax.vmap(omega)(jnp.asarray(points)))
+        expected = np.trapezoid(values, points)
+        assert float(omega.remaining(jnp.asarray(start))) == pytest.approx(expected, rel=1e-4)
+    with pytest.raises(ValueError, match="`start` and `start \\+ slope`"):
+        LinearSchedule(0.1, -1.0)

@@ -1,0 +1,210 @@
+"""Generated scenes: who they depend on, what is said of them, and what happens when nothing works."""
+
+import json
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from deggflow.tasks.tabletop.changes import random_conditions
+from deggflow.tasks.tabletop.condition import SceneCondition
+from deggflow.tasks.tabletop.field import build_field
+from deggflow.tasks.tabletop.formats import parse_scene
+from deggflow.tasks.tabletop.generator import TabletopGenerator, initial_noise, tabletop_guidance
+from deggflow.tasks.tabletop.oracle import least_margin, refutes
+from deggflow.tasks.tabletop.verdict import judge
+
+STEPS = 12
+SEED = 3
+IMPOSSIBLE = SceneCondition(("laptop", "desk_lamp"), width=0.1, depth=0.1)
+ROUNDING = 1e-4  # m and rad, of float32 over a whole generation
+
+
+@pytest.fixture(scope="module")
+def field():
+    return build_field(jax.random.key(0), width=16, rounds=1, head_width=16)
+
+
+@pytest.fixture(scope="module")
+def guided(field):
+    return TabletopGenerator(field, tabletop_guidance(), steps=STEPS)
+
+
+@pytest.fixture(scope="module")
+def nominal(field):
+    return TabletopGenerator(field, steps=STEPS)
+
+
+@pytest.fixture(scope="module")
+def conditions():
+    """Some of each size that shares a padded size of six, under changed requirements."""
+    return [
+        random_conditions(size, 1, "changed", SEED, k)[0]
+        for k, size in enumerate((1, 3, 4, 5, 6, 3))
+    ]
+
+
+@pytest.fixture(scope="module")
+def scenes(guided, conditions):
+    return guided.scenes(conditions, seed=SEED)
+
+
+def lines(scenes):
+    return [json.dumps(scene.to_json(), allow_nan=False) for scene in scenes]
+
+
+def same(some, others):
+    """The same scenes up to rounding, after the same number of draws."""
+    for a, b in zip(some, others, strict=True):
+        assert a.condition == b.condition
+        assert a.certificate.draws == b.certificate.draws
+        assert a.certificate.satisfied == b.certificate.satisfied
+        np.testing.assert_allclose(a.poses, b.poses, atol=ROUNDING)
+
+
+def test_one_scene_per_condition_in_order(scenes, conditions):
+    for scene, condition in zip(scenes, conditions, strict=True):
+        assert scene.condition == condition
+        assert scene.poses.shape == (len(condition.objects), 3)
+        assert scene.seed == SEED
+
+
+def test_certificates_are_true(scenes):
+    """By Shapely, and by the verdict made afresh."""
+    for scene in scenes:
+        certificate, verdict = scene.certificate, scene.verdict()
+        assert certificate.satisfied != refutes(scene.condition, scene.poses)
+        assert certificate.satisfied == (certificate.min_margin >= 0)
+        assert (certificate.reason is None) == certificate.satisfied
+        assert certificate.min_margin == verdict.min_margin
+        assert certificate.violation == verdict.violation
+        if certificate.satisfied:
+            assert certificate.min_margin == pytest.approx(
+                least_margin(scene.condition, scene.poses), abs=1e-9
+            )
+
+
+def test_same_seed_same_scenes(guided, conditions, scenes):
+    assert lines(guided.scenes(conditions, seed=SEED)) == lines(scenes)
+
+
+def test_another_seed_gives_other_scenes(guided, conditions, scenes):
+    for a, b in zip(guided.scenes(conditions, seed=SEED + 1), scenes, strict=True):
+        assert np.abs(a.poses - b.poses).max() > 0.01
+
+
+def test_first_is_the_place_in_the_run(guided, conditions, scenes):
+    same(guided.scenes(conditions[2:], seed=SEED, first=2), scenes[2:])
+
+
+def test_a_scene_alone_is_the_scene_in_its_batch(guided, conditions, scenes):
+    same(guided.scenes(conditions[3:4], seed=SEED, first=3), scenes[3:4])
+
+
+def test_padding_does_not_matter(guided, conditions):
+    """Beside a scene of eight objects the same teams are padded to eight."""
+    noise = initial_noise(SEED, np.arange(6), 0)
+    larger = random_conditions(8, 1, "default", SEED)
+    together = guided.batch(noise[np.array([0, 1, 2, 3, 4, 5, 0])], [*conditions, *larger])
+    apart = guided.batch(noise, conditions)
+    for a, b in zip(apart.poses, together.poses[:6], strict=True):
+        np.testing.assert_allclose(a, b, atol=ROUNDING)
+
+
+def test_nothing_asked_for_nothing_made(guided):
+    assert guided.scenes([]) == []
+
+
+def test_guidance_brings_the_violation_down(guided, nominal, conditions):
+    """From the same z(0): guided scenes violate less, and no guidance leaves the nominal sample alone."""
+    noise = initial_noise(SEED, np.arange(6), 0)
+    before = judge(conditions, nominal.batch(noise, conditions).poses)
+    after = judge(conditions, guided.batch(noise, conditions).poses)
+    assert sum(v.satisfied for v in after) > sum(v.satisfied for v in before)
+    for a, b in zip(after, before, strict=True):
+        assert a.violation <= b.violation + 1e-12
+
+
+def test_a_path_leads_from_the_noise_to_the_sample(nominal, conditions):
+    noise = initial_noise(SEED, np.arange(6), 0)
+    path = nominal.path(noise[2], conditions[2])
+    assert len(path) == STEPS + 1
+    scale = np.array([[0.70, 0.47, 1.35]])
+    np.testing.assert_allclose(path[0], noise[2, : len(path[0])] * scale, atol=1e-6)
+    np.testing.assert_allclose(path[-1], nominal.batch(noise, conditions).poses[2], atol=ROUNDING)
+
+
+def test_noise_depends_on_number_and_draw_alone():
+    whole = initial_noise(SEED, np.arange(20), 0)
+    np.testing.assert_array_equal(initial_noise(SEED, np.array([7]), 0)[0], whole[7])
+    np.testing.assert_array_equal(
+        initial_noise(SEED, np.array([19, 4]), 0), whole[np.array([19, 4])]
+    )
+    assert np.abs(initial_noise(SEED, np.arange(20), 1) - whole).min() > 0
+    assert np.abs(initial_noise(SEED + 1, np.arange(20), 0) - whole).min() > 0
+
+
+def test_noise_is_standard_normal():
+    noise = initial_noise(0, np.arange(600), 0).ravel()  # more than one batch
+    assert len(noise) == 600 * 36
+    spread = 1 / math.sqrt(len(noise))
+    assert abs(noise.mean()) < 4 * spread
+    assert abs(noise.var() - 1) < 4 * math.sqrt(2) * spread
+    assert abs(np.mean(noise**4) - 3) < 4 * math.sqrt(96) * spread
+
+
+def test_an_impossible_scene_is_said_to_be_impossible(guided):
+    """After as many draws as were allowed, with the closest of them and a reason."""
+    margins = []
+    for limit in (1, 3):
+        (scene,) = guided.scenes([IMPOSSIBLE], seed=SEED, max_draws=limit)
+        assert not scene.certificate.satisfied
+        assert scene.certificate.draws == limit
+        assert "laptop" in scene.certificate.reason or "desk_lamp" in scene.certificate.reason
+        assert scene.certificate.min_margin < 0
+        margins.append(scene.certificate.min_margin)
+    assert margins[1] >= margins[0]
+
+
+def test_an_impossible_scene_does_not_change_its_neighbours(guided, conditions, scenes):
+    together = guided.scenes([*conditions[:2], IMPOSSIBLE], seed=SEED, max_draws=2)
+    satisfied = [k for k in range(2) if scenes[k].certificate.draws <= 2]
+    same([together[k] for k in satisfied], [scenes[k] for k in satisfied])
+
+
+@pytest.mark.parametrize("limit", [0, -1])
+def test_at_least_one_draw(nominal, conditions, limit):
+    with pytest.raises(ValueError, match="max_draws"):
+        nominal.scenes(conditions, max_draws=limit)
+
+
+@pytest.mark.parametrize("speed", [math.nan, math.inf, 1e30, 1e9])
+def test_a_diverging_field_is_said_to_diverge(speed):
+    """Finite numbers in the file, a line that can be read back, and no claim."""
+    runaway = TabletopGenerator(lambda tau, z, condition: jnp.full_like(z, speed), steps=2)
+    conditions = [SceneCondition(("laptop",)), SceneCondition(("laptop", "teacup"))]
+    for scene, text in zip(
+        (made := runaway.scenes(conditions, max_draws=2)), lines(made), strict=True
+    ):
+        assert not scene.certificate.satisfied
+        assert scene.certificate.reason
+        assert np.isfinite(scene.poses).all()
+        assert parse_scene(json.loads(text)).to_json() == scene.to_json()
+
+
+def test_a_diverged_draw_is_never_closer_than_a_finite_one():
+    """The closest draw is kept; one that diverged has no place at all."""
+    noise = initial_noise(0, np.array([0]), 0)[0, 0]
+
+    def first_draw_diverges(tau, z, condition):
+        first = jnp.all(jnp.abs(z[0] - noise[:3]) < 1e-6)
+        return jnp.where(first, jnp.nan, 0.0) * jnp.ones_like(z)
+
+    condition = SceneCondition(("laptop",), width=0.3, depth=0.3)
+    generator = TabletopGenerator(first_draw_diverges, steps=1)
+    finite = generator.batch(initial_noise(0, np.array([0]), 1), [condition]).poses[0]
+    assert not judge([condition], [finite])[0].satisfied
+    (scene,) = generator.scenes([condition], max_draws=2)
+    np.testing.assert_array_equal(scene.poses, finite)

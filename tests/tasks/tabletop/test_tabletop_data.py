@@ -1,0 +1,116 @@
+"""Training scenes: valid by an independent check, written so that a kill loses nothing, read back as they are."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from deggflow.jsonl import InputError
+from deggflow.tasks.tabletop.data import Recipe, load_dataset, make_scenes, write_data
+from deggflow.tasks.tabletop.formats import read_scenes
+from deggflow.tasks.tabletop.oracle import least_margin
+
+SIZES = (4, 6)
+# Several to a batch, so that what is left after a kill is another batch than the whole.
+RECIPE = Recipe(sizes=SIZES, training=3, validation=2)
+PARTS = ("training", "validation")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("data")
+    write_data(path, RECIPE)
+    return path
+
+
+def test_as_many_scenes_of_each_size_as_asked_for(folder):
+    for name, count in (("training", 3), ("validation", 2)):
+        sizes = [len(scene.condition.objects) for scene in read_scenes(folder / f"{name}.jsonl")]
+        assert sizes == [size for size in SIZES for _ in range(count)]
+
+
+def test_scenes_hold_with_room_to_spare(folder):
+    """The default requirements, by Shapely; the certificate says by how much."""
+    for name in PARTS:
+        for scene in read_scenes(folder / f"{name}.jsonl"):
+            assert scene.condition.requirements == {}
+            margin = least_margin(scene.condition, scene.poses)
+            assert margin >= RECIPE.spare - 1e-9
+            assert scene.certificate.satisfied
+            assert scene.certificate.min_margin == pytest.approx(margin, abs=1e-9)
+            assert np.all(np.abs(scene.poses[:, 2]) <= math.pi + 1e-6)
+
+
+def test_training_and_validation_differ(folder):
+    training, validation = (
+        {json.dumps(scene.to_json()["objects"]) for scene in read_scenes(folder / f"{name}.jsonl")}
+        for name in PARTS
+    )
+    assert len(training) == 6
+    assert not training & validation
+
+
+@pytest.mark.parametrize("finished", range(6))
+def test_a_killed_file_is_completed_to_the_same_bytes(folder, tmp_path, finished):
+    """Cut anywhere in line `finished + 1`, before the validation file was begun."""
+    whole = (folder / "training.jsonl").read_bytes()
+    lines = whole.splitlines(keepends=True)
+    started = b"".join(lines[:finished]) + lines[finished][: 40 * finished]
+    (tmp_path / "training.jsonl").write_bytes(started)
+    (tmp_path / "training.jsonl.run.json").write_bytes(
+        (folder / "training.jsonl.run.json").read_bytes()
+    )
+    write_data(tmp_path, RECIPE)
+    assert (tmp_path / "training.jsonl").read_bytes() == whole
+    assert (tmp_path / "validation.jsonl").read_bytes() == (
+        folder / "validation.jsonl"
+    ).read_bytes()
+
+
+def test_a_finished_folder_is_left_as_it_is(folder):
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    told = []
+    write_data(folder, RECIPE, lambda done, total: told.append((done, total)))
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+    assert told[-1] == (10, 10)
+
+
+def test_another_recipe_is_not_mixed_in(folder):
+    before = (folder / "training.jsonl").read_bytes()
+    with pytest.raises(InputError, match="seed"):
+        write_data(folder, RECIPE._replace(seed=1))
+    assert (folder / "training.jsonl").read_bytes() == before
+
+
+def test_a_scene_depends_on_its_own_number():
+    """Up to rounding, whatever it is made together with."""
+    whole = make_scenes(4, 0, 5, RECIPE, 7)
+    part = make_scenes(4, 3, 2, RECIPE, 7)
+    for alone, together in zip(part, whole[3:], strict=True):
+        assert alone.condition == together.condition
+        np.testing.assert_allclose(alone.poses, together.poses, atol=1e-4)
+    assert make_scenes(4, 0, 5, RECIPE, 8)[0].condition != whole[0].condition or not np.allclose(
+        make_scenes(4, 0, 5, RECIPE, 8)[0].poses, whole[0].poses
+    )
+
+
+def test_dataset_decodes_to_the_scenes(folder):
+    """z = diag(0.70, 0.47, 1.35)^-1 [p, theta] for the objects that are there (paper, App. Task 2)."""
+    scenes, dataset = (
+        read_scenes(folder / "training.jsonl"),
+        load_dataset(folder / "training.jsonl"),
+    )
+    assert dataset.z.shape == (6, 6, 3)
+    np.testing.assert_array_equal(dataset.mask.sum(axis=1), [len(s.poses) for s in scenes])
+    scale = np.array([[0.70, 0.47, 1.35]])
+    for z, mask, scene in zip(np.asarray(dataset.z), dataset.mask, scenes, strict=True):
+        np.testing.assert_allclose(z[mask] * scale, scene.poses, atol=1e-6)
+        assert np.isfinite(z).all()
+
+
+def test_a_bad_data_file_is_refused(tmp_path):
+    path = tmp_path / "training.jsonl"
+    path.write_text('{"objects": ["laptop"]}\n')
+    with pytest.raises(InputError, match="unknown key"):
+        load_dataset(path)

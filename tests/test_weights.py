@@ -1,0 +1,32 @@
+import equinox as eqx
+import jax
+import numpy as np
+import pytest
+
+from deggflow.weights import load_card, load_weights, save_weights
+
+
+def network(width=8, seed=0):
+    return eqx.nn.MLP(3, 2, width, depth=2, key=jax.random.key(seed))
+
+
+def test_round_trip(tmp_path):
+    path, card = tmp_path / "w.safetensors", {"task": "test", "seed": 3}
+    save_weights(path, network(), card)
+    assert load_card(path) == card
+    loaded = load_weights(path, network(seed=1))
+    for a, b in zip(
+        jax.tree.leaves(eqx.filter(loaded, eqx.is_array)),
+        jax.tree.leaves(eqx.filter(network(), eqx.is_array)),
+        strict=True,
+    ):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_other_shapes_and_names_are_refused(tmp_path):
+    path = tmp_path / "w.safetensors"
+    save_weights(path, network(), {})
+    with pytest.raises(ValueError, match=r"layers\[0\].weight has shape \(8, 3\), .* \(9, 3\)"):
+        load_weights(path, network(width=9))
+    with pytest.raises(ValueError, match="does not hold this field's weights"):
+        load_weights(path, eqx.nn.Linear(3, 2, key=jax.random.key(0)))
