@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from safetensors.numpy import load_file
 
+from deggflow.jsonl import InputError
 from deggflow.train import Dataset, TrainingConfig, read_curves, train
 
 PROGRAM = """
@@ -66,7 +67,7 @@ def test_the_loss_falls_and_a_folder_holds_one_run(tmp_path):
     assert config["batch"] == 16
     field = Shift(eqx.nn.MLP(3, 2, 32, depth=2, key=jax.random.key(0)))
     other = TrainingConfig(steps=400, batch=8, warmup=20, validate_every=20, average=0.9, seed=3)
-    with pytest.raises(ValueError, match="`batch` = 16 was begun here, now `batch` = 8"):
+    with pytest.raises(InputError, match="`batch` = 16 was begun here, now `batch` = 8"):
         train(field, dataset(0, 200), dataset(1, 50), other, tmp_path)
 
 

@@ -17,6 +17,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from .files import write_atomically
 from .flow import mac_loss
+from .jsonl import InputError
 
 Augment = Callable[[PRNGKeyArray, Float[Array, "agents dim"], Any], Float[Array, "agents dim"]]
 
@@ -71,7 +72,11 @@ class Curve(NamedTuple):
 
 def _optimizer(config: TrainingConfig) -> optax.GradientTransformation:
     schedule = optax.warmup_cosine_decay_schedule(
-        0.0, config.learning_rate, config.warmup, config.steps, end_value=0.0
+        0.0,
+        config.learning_rate,
+        min(config.warmup, config.steps // 10),
+        config.steps,
+        end_value=0.0,
     )
     return optax.chain(
         optax.clip_by_global_norm(1.0), optax.adamw(schedule, weight_decay=config.weight_decay)
@@ -152,9 +157,10 @@ def _check_same_run(folder: Path, config: TrainingConfig, identity: Mapping[str,
         changed = [name for name in wanted if found.get(name) != wanted[name]]
         if changed:
             name = changed[0]
-            raise ValueError(
-                f"{path}: a run with `{name}` = {found.get(name)} was begun here, now `{name}` = "
-                f"{wanted[name]}; resume it unchanged or choose another folder."
+            raise InputError(
+                f"a run with `{name}` = {found.get(name)} was begun here, now `{name}` = "
+                f"{wanted[name]}; resume it unchanged or choose another folder",
+                file=path,
             )
     write_atomically(path, json.dumps(wanted, indent=2) + "\n")
 
@@ -181,6 +187,9 @@ def train(
         identity: What else makes this run this run (JSON values), checked like the settings.
         augment: Symmetry of the data, applied to x1 with a key and the condition.
         on_progress: Called at each point of the curves.
+
+    Raises:
+        InputError: The folder holds a run with other settings.
 
     Returns:
         The field with averaged weights, and the curves.

@@ -99,10 +99,20 @@ def test_the_nominal_field_alone_never_fails_the_command(deggflow):
     [
         {"objects": ["laptop", "desk_lamp"], "table": {"width": 0.1, "depth": 0.1}},
         {
-            "objects": (
-                "drawer_organizer teacup desk_lamp laptop potted_plant handled_mug drawing_board "
-                "scissors compact_printer pencil_case tissue_box pen_cup"
-            ).split(),
+            "objects": [
+                "drawer_organizer",
+                "teacup",
+                "desk_lamp",
+                "laptop",
+                "potted_plant",
+                "handled_mug",
+                "drawing_board",
+                "scissors",
+                "compact_printer",
+                "pencil_case",
+                "tissue_box",
+                "pen_cup",
+            ],
             "requirements": "all",
         },
     ],

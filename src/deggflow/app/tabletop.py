@@ -89,19 +89,19 @@ def train(
 
     try:
         config = TrainingConfig(steps=steps, batch=batch, learning_rate=learning_rate, seed=seed)
-        architecture = {"width": width, "rounds": rounds, "head_width": head_width}
-        with progress() as bars:
-            bar = bars.add_task("training", total=steps)
-
-            def show(curve: Curve) -> None:
-                loss = f"loss {curve.training:.4f}, validation {curve.validation:.4f}"
-                bars.update(bar, completed=curve.step, description=f"training ({loss})")
-                if bars.disable:
-                    print(f"step {curve.step}: {loss}", file=sys.stderr, flush=True)
-
-            train_field(data, out, config, architecture, show)
     except ValueError as error:
         raise InputError(str(error)) from None
+    architecture = {"width": width, "rounds": rounds, "head_width": head_width}
+    with progress() as bars:
+        bar = bars.add_task("training", total=steps)
+
+        def show(curve: Curve) -> None:
+            loss = f"loss {curve.training:.4f}, validation {curve.validation:.4f}"
+            bars.update(bar, completed=curve.step, description=f"training ({loss})")
+            if bars.disable:
+                print(f"step {curve.step}: {loss}", file=sys.stderr, flush=True)
+
+        train_field(data, out, config, architecture, show)
     from deggflow.view.curves import draw_curves
 
     draw_curves(out / "curves.csv", out / "curves.png")

@@ -18,7 +18,7 @@ TOLERANCE = 1e-9  # m, rounding of float64 arithmetic on lengths of order one
 Grown = tuple[BaseGeometry, float]  # a core and the radius it is grown by, m
 
 
-def _move(core: BaseGeometry, pose: Sequence[float]) -> BaseGeometry:
+def _move(core: BaseGeometry, pose: Float[np.ndarray, " 3"]) -> BaseGeometry:
     x, y, theta = pose
     turned = affinity.rotate(core, theta, origin=(0, 0), use_radians=True)
     return affinity.translate(turned, x, y)

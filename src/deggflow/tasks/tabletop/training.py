@@ -1,10 +1,10 @@
 """The tabletop field's training run: data in, weights with their card out."""
 
 import json
-import shlex
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -32,29 +32,24 @@ def train_field(
         raise InputError("training and validation scenes differ in size", file=data)
     field = build_field(jax.random.key(config.seed), **architecture)
     # A folder holds one run: the same size of field on the same data.
-    identity = {"architecture": architecture, "data": _recipe(data)}
+    recipe = _recipe(data)
     trained, curves = train(
         field,
         training,
         validation,
         config,
         out,
-        identity=identity,
+        identity={"architecture": architecture, "data": recipe},
         augment=random_symmetry,
         on_progress=on_progress,
     )
-    command = (
-        f"deggflow tabletop train --data {shlex.quote(data.name)} --out {shlex.quote(out.name)} "
-        f"--steps {config.steps} --batch {config.batch} --learning-rate {config.learning_rate} "
-        f"--seed {config.seed} "
-    ) + " ".join(f"--{name.replace('_', '-')} {value}" for name, value in architecture.items())
     card = {
         "task": "tabletop",
         "architecture": architecture,
         "parameters": sum(leaf.size for leaf in jax.tree.leaves(eqx.filter(trained, eqx.is_array))),
-        "data": identity["data"],
+        "data": recipe,
         "training": asdict(config),
-        "command": command,
+        "commands": _commands(recipe, config, architecture),
         "loss": "L_MAC, tau ~ Unif[0, 1], z(0) ~ N(0, I), the table's four symmetries drawn at random",
         "figures": {"training_loss": curves[-1].training, "validation_loss": curves[-1].validation},
     }
@@ -62,10 +57,35 @@ def train_field(
     return trained
 
 
-def _recipe(data: Path) -> dict[str, object]:
+def _recipe(data: Path) -> dict[str, Any]:
     path = data / "training.jsonl.run.json"
     try:
-        recipe: dict[str, object] = json.loads(path.read_text())
+        recipe: dict[str, Any] = json.loads(path.read_text())
     except (OSError, ValueError):
         return {"source": "scenes not made by `deggflow tabletop data`"}
     return recipe
+
+
+def _commands(
+    recipe: dict[str, Any], config: TrainingConfig, architecture: dict[str, int]
+) -> list[str]:
+    """What a user types to train these weights again."""
+    made = ("training", "validation", "clearance", "seed")
+    options = {
+        "data": {name: recipe[name] for name in made if name in recipe},
+        "train": {
+            "steps": config.steps,
+            "batch": config.batch,
+            "learning-rate": config.learning_rate,
+            "seed": config.seed,
+            **architecture,
+        },
+    }
+    words = {
+        command: " ".join(f"--{name.replace('_', '-')} {value}" for name, value in given.items())
+        for command, given in options.items()
+    }
+    return [
+        f"deggflow tabletop data --out data {words['data']}",
+        f"deggflow tabletop train --data data --out run {words['train']}",
+    ]
