@@ -51,7 +51,9 @@ def main(settings: Settings) -> None:
             start = time.perf_counter()
             way.batch(noise, conditions)
             seconds[name].append(time.perf_counter() - start)
-    print(f"batch of {settings.batch}, N = {settings.size}, 100 Euler steps, {settings.rounds} rounds")
+    print(
+        f"batch of {settings.batch}, N = {settings.size}, 100 Euler steps, {settings.rounds} rounds"
+    )
     print(f"{'':32}{'median s':>10}{'ratio to nominal: median (min, max) over rounds':>50}")
     for name, times in seconds.items():
         ratio = np.divide(times, seconds["nominal"])

@@ -209,17 +209,11 @@ def test_a_killed_generation_loses_no_line_and_ends_the_same(deggflow, tmp_path)
         before = now[: now.rfind(b"\n") + 1]
         assert before
     assert deggflow(*arguments, "--out", out).returncode == 0
-    assert out.read_bytes().startswith(before)
-    whole = [json.loads(line) for line in Path(tmp_path / "whole.jsonl").read_text().splitlines()]
-    killed = [json.loads(line) for line in out.read_text().splitlines()]
-    assert [row["condition"] for row in killed] == [row["condition"] for row in whole]
-    poses = [
-        np.array(
-            [[item[k] for k in ("x", "y", "theta")] for row in rows for item in row["objects"]]
-        )
-        for rows in (whole, killed)
-    ]
-    np.testing.assert_allclose(*poses, atol=1e-3)
+    assert out.read_bytes() == (tmp_path / "whole.jsonl").read_bytes()
+    with out.open("r+b") as file:  # as a kill in the middle of a write would leave it
+        file.truncate(out.stat().st_size * 3 // 5)
+    assert deggflow(*arguments, "--out", out).returncode == 0
+    assert out.read_bytes() == (tmp_path / "whole.jsonl").read_bytes()
     assert deggflow(*arguments, "--out", out).returncode == 0  # complete: nothing is added
     assert len(out.read_text().splitlines()) == 1600
     other = deggflow(*arguments, "--guidance", "none", "--out", out)

@@ -168,9 +168,11 @@ def make_generator(weights: Path | None, guidance: str) -> "TabletopGenerator":
 def _chunks(
     generator: "TabletopGenerator", wanted: _Wanted, first: int, seed: int, max_draws: int
 ) -> "Iterator[list[Scene]]":
-    for start in range(first, wanted.count, CHUNK):
+    # A chunk that a kill cut in two is generated again whole, as another batch rounds differently.
+    for start in range(first // CHUNK * CHUNK, wanted.count, CHUNK):
         conditions = wanted.chunk(start, min(CHUNK, wanted.count - start))
-        yield generator.scenes(conditions, seed=seed, first=start, max_draws=max_draws)
+        scenes = generator.scenes(conditions, seed=seed, first=start, max_draws=max_draws)
+        yield scenes[max(0, first - start) :]
 
 
 def generate(

@@ -93,9 +93,11 @@ def write_data(
             done += finished
             on_progress(done, total)
             for position, size in enumerate(recipe.sizes):
-                first = max(0, finished - position * count)
-                for start in range(first, count, CHUNK):
+                have = min(max(0, finished - position * count), count)
+                # A chunk that a kill cut in two is made again whole, as another batch rounds differently.
+                for start in range(have // CHUNK * CHUNK, count, CHUNK):
                     scenes = make_scenes(size, start, min(CHUNK, count - start), recipe, seed)
+                    scenes = scenes[max(0, have - start) :]
                     output.append([scene.to_json() for scene in scenes])
                     done += len(scenes)
                     on_progress(done, total)
