@@ -42,14 +42,14 @@ def draw(
     pending: Sequence[int] = range(samples)
     kept: dict[int, Candidate[T]] = {}
     for number in range(max_draws):
+        if not pending:
+            break
         for k, candidate in zip(pending, attempt(pending, number), strict=True):
             if k not in kept or _better(candidate.certificate, kept[k].certificate):
                 kept[k] = candidate
             certificate = replace(kept[k].certificate, draws=number + 1)
             kept[k] = replace(kept[k], certificate=certificate)
         pending = [k for k in pending if not kept[k].certificate.satisfied]
-        if not pending:
-            break
     return [kept[k] for k in range(samples)]
 
 

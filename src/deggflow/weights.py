@@ -15,8 +15,13 @@ from .files import write_atomically
 M = TypeVar("M", bound=eqx.Module)
 
 
+def _is_weight(leaf: Any) -> bool:
+    """Whether a leaf is an array of weights or stands for one (in a skeleton of shapes)."""
+    return isinstance(leaf, jax.ShapeDtypeStruct) or eqx.is_inexact_array(leaf)
+
+
 def _named_arrays(module: eqx.Module) -> dict[str, Any]:
-    arrays = eqx.filter(module, eqx.is_inexact_array)
+    arrays = eqx.filter(module, _is_weight)
     return {
         jax.tree_util.keystr(path).lstrip("."): leaf
         for path, leaf in jax.tree_util.tree_leaves_with_path(arrays)
@@ -39,6 +44,8 @@ def load_card(path: Path) -> dict[str, Any]:
 def load_weights(path: Path, skeleton: M) -> M:
     """The skeleton with its arrays replaced by those of the file.
 
+    The skeleton may hold arrays or only their shapes (`eqx.filter_eval_shape`).
+
     Raises:
         ValueError: Names or shapes in the file are not those of the skeleton.
     """
@@ -54,5 +61,5 @@ def load_weights(path: Path, skeleton: M) -> M:
                 f"{path}: {name} has shape {stored[name].shape}, this field needs {leaf.shape}."
             )
     leaves = [jnp.asarray(stored[name]) for name in wanted]
-    arrays, rest = eqx.partition(skeleton, eqx.is_inexact_array)
+    arrays, rest = eqx.partition(skeleton, _is_weight)
     return eqx.combine(jax.tree.unflatten(jax.tree.structure(arrays), leaves), rest)

@@ -63,11 +63,11 @@ def run_evaluation(field: Field, settings: dict[str, Any], out: Path | None) -> 
         "natural nominal",
         "private nominal",
         "guided, first draw",
-        f"guided, at most {max_draws} draws",
-        "draws",
+        f"guided, <= {max_draws} draws",
+        "most draws",
         "refuted",
     ):
-        table.add_column(heading)
+        table.add_column(heading, no_wrap=True)
     for row in rows:
         rates = [row.natural, row.private, row.first_draw, row.satisfied]
         table.add_row(
@@ -109,7 +109,7 @@ def run_comparison(field: Field, settings: dict[str, Any], out: Path | None) -> 
         "guided, first draw",
         "deviation",
     ):
-        table.add_column(heading)
+        table.add_column(heading, no_wrap=True)
     for (family, *_), row in zip(grid, [Comparison(**row) for row in found], strict=True):
         table.add_row(
             str(row.size),

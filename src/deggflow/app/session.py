@@ -47,7 +47,7 @@ def output() -> "Console":
     """Tables on stdout, wide enough to stay whole when they are piped."""
     from rich.console import Console
 
-    return Console(highlight=False, width=None if sys.stdout.isatty() else 120)
+    return Console(highlight=False, width=None if sys.stdout.isatty() else 150)
 
 
 @contextmanager

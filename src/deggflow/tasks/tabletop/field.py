@@ -3,6 +3,7 @@
 from importlib.resources import files
 from pathlib import Path
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
@@ -97,4 +98,5 @@ def load_field(path: Path | None = None) -> MessagePassingField:
     size = load_card(path).get("architecture")
     if not isinstance(size, dict) or set(size) != set(ARCHITECTURE):
         raise ValueError(f"{path.with_suffix('.json')}: `architecture` must give {ARCHITECTURE}.")
-    return load_weights(path, build_field(jax.random.key(0), **size))
+    skeleton = eqx.filter_eval_shape(build_field, jax.random.key(0), **size)
+    return load_weights(path, skeleton)

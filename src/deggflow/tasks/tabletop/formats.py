@@ -22,6 +22,8 @@ from .scene import Scene
 
 MIN_SCALE, MAX_SCALE = 0.01, 10.0
 MIN_TABLE, MAX_TABLE = 0.01, 100.0  # m
+MAX_SEED = 2**31 - 1  # JAX's keys are made from 32-bit integers
+MAX_DRAWS = 10_000  # as `generate` allows
 MAX_ANGLE = 2 * math.pi + 1e-9  # rad
 
 
@@ -87,13 +89,20 @@ def read_conditions(path: Path) -> list[SceneCondition]:
     return read_lines(path, parse_condition, "tabletop condition")
 
 
+def _integer(value: Any, field: str, low: int, high: int) -> int:
+    if not isinstance(value, int) or isinstance(value, bool):
+        raise InputError("must be an integer", field=field)
+    if not low <= value <= high:
+        raise InputError(f"must lie in [{low}, {high}]; got {shorten(value)}", field=field)
+    return value
+
+
 def _certificate(value: Any, field: str) -> Certificate:
     keys = ("satisfied", "min_margin", "violation", "draws", "reason")
     given = expect_object(value, field, keys, keys)
     if not isinstance(given["satisfied"], bool):
         raise InputError("must be true or false", field=join(field, "satisfied"))
-    if not isinstance(given["draws"], int) or isinstance(given["draws"], bool):
-        raise InputError("must be an integer", field=join(field, "draws"))
+    _integer(given["draws"], join(field, "draws"), 1, MAX_DRAWS)
     if not isinstance(given["reason"], str | None):
         raise InputError("must be text or null", field=join(field, "reason"))
     for key in ("min_margin", "violation"):
@@ -121,10 +130,9 @@ def parse_scene(value: Any) -> Scene:
                 for key in ("x", "y", "theta")
             ]
         )
-    if not isinstance(given["seed"], int) or isinstance(given["seed"], bool):
-        raise InputError("must be an integer", field="seed")
+    seed = _integer(given["seed"], "seed", 0, MAX_SEED)
     certificate = _certificate(given["certificate"], "certificate")
-    return Scene(condition, np.array(poses), certificate, given["seed"])
+    return Scene(condition, np.array(poses), certificate, seed)
 
 
 def read_scenes(path: Path) -> list[Scene]:

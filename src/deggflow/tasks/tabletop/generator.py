@@ -33,6 +33,7 @@ from .scene import Scene
 from .verdict import BUFFER, Poses, judge
 
 MAX_DRAWS = 8
+MAX_COORDINATE = 1e4  # m and rad; what lies beyond has diverged, and scene files do not hold it
 
 
 OWN, POOLED = Own(), Pooled()
@@ -192,9 +193,12 @@ class TabletopGenerator:
 
 
 def _judged(batch: Batch, conditions: Sequence[SceneCondition]) -> list[Candidate[Poses]]:
-    finite = [bool(np.isfinite(poses).all()) for poses in batch.poses]
-    # A diverged draw has no place on the table; it is judged where nothing fits: all objects at the origin.
-    poses = [p if ok else np.zeros_like(p) for p, ok in zip(batch.poses, finite, strict=True)]
+    finite = [bool((np.abs(poses) <= MAX_COORDINATE).all()) for poses in batch.poses]
+    # A diverged draw has no place on the table; it is judged where nothing fits: beyond the table's corner.
+    poses = [
+        p if ok else np.full_like(p, [c.width, c.depth, 0.0])
+        for p, c, ok in zip(batch.poses, conditions, finite, strict=True)
+    ]
     out = []
     for k, verdict in enumerate(judge(conditions, poses)):
         reason = verdict.reason(conditions[k].objects)

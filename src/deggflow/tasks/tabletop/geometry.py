@@ -7,7 +7,7 @@ zero core. All arrays broadcast, so one call measures one pair or every pair of 
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 _CORNERS = ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0))
 
@@ -35,7 +35,7 @@ def _in_frame(
     return frame.cos * dx + frame.sin * dy, frame.cos * dy - frame.sin * dx
 
 
-def _safe_sqrt(square: Float[Array, "..."], valid: Float[Array, "..."]) -> Float[Array, "..."]:
+def _safe_sqrt(square: Float[Array, "..."], valid: Bool[Array, "..."]) -> Float[Array, "..."]:
     """Square root where `valid`, zero elsewhere, with finite gradients everywhere."""
     return jnp.where(valid, jnp.sqrt(jnp.where(valid, square, 1.0)), 0.0)
 

@@ -4,7 +4,7 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
 
 from .codec import ANGLE_SCALE
 from .condition import TabletopCondition
@@ -31,7 +31,7 @@ def relax(
     )
     gradient = jax.grad(lambda state: violation(state, condition).sum())
 
-    def step(_: int, state: Float[Array, "agents 3"]) -> Float[Array, "agents 3"]:
+    def step(_: Int[Array, ""], state: Float[Array, "agents 3"]) -> Float[Array, "agents 3"]:
         return state - STEP * gradient(state) / scale[None] ** 2
 
     return jax.lax.fori_loop(0, STEPS, step, z)
@@ -39,7 +39,7 @@ def relax(
 
 @partial(jax.jit, static_argnames="clearance")
 def relaxed_scenes(
-    keys: PRNGKeyArray, conditions: TabletopCondition, clearance: float
+    keys: Key[Array, " scenes"], conditions: TabletopCondition, clearance: float
 ) -> tuple[Float[Array, "scenes agents 3"], Float[Array, " scenes"]]:
     """Relaxed states of a batch of conditions, one key each, and the least margin of each in m."""
 

@@ -20,7 +20,7 @@ from .library import BY_NAME
 BUFFER = 0.02  # m, delta^PE of the reported violation V (paper, Task 2)
 _CHUNK = 512  # scenes measured at once
 
-Poses = Float[np.ndarray, "agents 3"]
+Poses = Float[np.ndarray, "_ 3"]
 
 
 class Kind(Enum):
@@ -229,7 +229,8 @@ def _measure(conditions: Sequence[SceneCondition], poses: Sequence[Poses]) -> _M
 def _verdicts(conditions: Sequence[SceneCondition], poses: Sequence[Poses]) -> list[Verdict]:
     rows, count = _measure(conditions, poses), len(conditions)
     least = np.full(count, np.inf)
-    np.minimum.at(least, rows.scene, rows.margin)
+    with np.errstate(invalid="ignore"):  # a margin that is not a number is told as a breach
+        np.minimum.at(least, rows.scene, rows.margin)
     hinge = np.maximum(BUFFER - rows.margin, 0.0) ** 2 / 2 * np.where(rows.shared, 2.0, 1.0)
     violation = np.bincount(rows.scene, hinge, minlength=count)
     breaches: list[list[Breach]] = [[] for _ in conditions]
