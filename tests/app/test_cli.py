@@ -179,6 +179,8 @@ def test_bad_files_exit_with_2_in_one_line_and_touch_nothing(deggflow, tmp_path,
         (("train", "--data", ".", "--out", "run", "--steps", "7"), "`steps` must"),
         (("render", "no.jsonl"), "no.jsonl: can't be read"),
         (("evaluate", "--sizes", "0"), "--sizes must"),
+        (("evaluate", "--seed", "-1"), "--seed must"),
+        (("data", "--out", "d", "--seed", "2000000000"), "--seed must"),
     ],
 )
 def test_bad_arguments_exit_with_2(deggflow, tmp_path, arguments, hint):

@@ -16,8 +16,10 @@ def demo(out: Path = Path("demo"), count: int = 8, size: int = 8, seed: int = 0)
     """
     from deggflow.jsonl import InputError
 
-    if not (1 <= count <= 100 and 1 <= size <= 12):
-        raise InputError("--count must lie in [1, 100] and --size in [1, 12]")
+    if not (1 <= count <= 100 and 1 <= size <= 12 and 0 <= seed < 2**31):
+        raise InputError(
+            "--count must lie in [1, 100], --size in [1, 12] and --seed in [0, 2147483647]"
+        )
     prepare_jax()
     import json
 

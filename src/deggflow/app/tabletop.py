@@ -21,6 +21,7 @@ Family = Literal["default", "changed", "opposite", "side", "larger", "combined"]
 
 CHUNK = 512  # scenes between two writes of a long run
 MAX_COUNT = 1_000_000
+MAX_SEED = 2**31 - 1  # JAX's keys are made from 32-bit integers
 
 
 def _at_least(name: str, value: int, low: int, high: int) -> None:
@@ -46,6 +47,7 @@ def data(
     """
     _at_least("training", training, 1, MAX_COUNT)
     _at_least("validation", validation, 1, MAX_COUNT)
+    _at_least("seed", seed, 0, MAX_SEED // 2)  # training and validation use 2 seed and 2 seed + 1
     if not 0.015 <= clearance <= 0.5:
         raise InputError(f"--clearance must lie in [0.015, 0.5] m; got {clearance}")
     prepare_jax()
@@ -83,6 +85,12 @@ def train(
         head_width: Width of the last layers.
         seed: Seed of initial weights, batches and noise.
     """
+    _at_least("seed", seed, 0, MAX_SEED)
+    _at_least("batch", batch, 1, 100_000)
+    for name, value in (("width", width), ("rounds", rounds), ("head-width", head_width)):
+        _at_least(name, value, 1, 10_000)
+    if not 0 < learning_rate < 1:
+        raise InputError(f"--learning-rate must lie in (0, 1); got {learning_rate}")
     prepare_jax()
     from deggflow.tasks.tabletop.training import train_field
     from deggflow.train import Curve, TrainingConfig
@@ -132,7 +140,7 @@ def _wanted(
 ) -> _Wanted:
     if (conditions is None) == (size is None):
         raise InputError("give either --conditions FILE or --size N (with --count M)")
-    _at_least("seed", seed, 0, 2**31 - 1)
+    _at_least("seed", seed, 0, MAX_SEED)
     if conditions is not None:
         if count is not None or family != "changed":
             raise InputError("--count and --requirements go with --size, not with --conditions")
@@ -271,6 +279,7 @@ def evaluate(
     from deggflow.tasks.tabletop.library import MAX_OBJECTS
 
     _at_least("cases", cases, 1, MAX_COUNT)
+    _at_least("seed", seed, 0, MAX_SEED)
     _at_least("max-draws", max_draws, 1, 10_000)
     for size in sizes:
         _at_least("sizes", size, 1, MAX_OBJECTS)

@@ -113,3 +113,9 @@ def test_a_bad_data_file_is_refused(tmp_path):
     path.write_text('{"objects": ["laptop"]}\n')
     with pytest.raises(InputError, match="condition"):
         load_dataset(path)
+
+
+def test_what_cannot_be_arranged_is_refused(tmp_path):
+    impossible = Recipe(sizes=(1,), training=1, validation=1, spare=1.0)
+    with pytest.raises(InputError, match="no arrangement of 1 objects"):
+        write_data(tmp_path, impossible)

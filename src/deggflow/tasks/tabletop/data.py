@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from deggflow.certificate import Certificate
-from deggflow.jsonl import ResumableOutput
+from deggflow.jsonl import InputError, ResumableOutput
 from deggflow.redraw import Candidate, draw, padded_batch
 from deggflow.train import Dataset
 
@@ -69,6 +69,11 @@ def make_scenes(size: int, first: int, count: int, recipe: Recipe, seed: int) ->
         count,
         MAX_ATTEMPTS,
     )
+    if not all(candidate.certificate.satisfied for candidate in drawn):
+        raise InputError(
+            f"no arrangement of {size} objects with {recipe.spare} m to spare in {MAX_ATTEMPTS} "
+            "attempts; ask for less clearance"
+        )
     return [
         Scene(c, candidate.sample, candidate.certificate, seed)
         for c, candidate in zip(conditions, drawn, strict=True)
@@ -94,6 +99,8 @@ def write_data(
             on_progress(done, total)
             for position, size in enumerate(recipe.sizes):
                 have = min(max(0, finished - position * count), count)
+                if have == count:
+                    continue
                 # A chunk that a kill cut in two is made again whole, as another batch rounds differently.
                 for start in range(have // CHUNK * CHUNK, count, CHUNK):
                     scenes = make_scenes(size, start, min(CHUNK, count - start), recipe, seed)

@@ -14,7 +14,7 @@ from .codec import decode, place
 from .condition import Parts, TabletopCondition
 from .geometry import RoundedBox, pairwise_distance, point_distance, wall_margins
 
-ABSENT = 10.0  # m, margin of a requirement that does not exist (padding, an object with itself)
+ABSENT = 1e3  # m, margin of a requirement that does not exist (padding, an object with itself)
 
 
 class Margins(NamedTuple):
