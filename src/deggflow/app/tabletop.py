@@ -1,7 +1,8 @@
 """`deggflow tabletop`: data, train, generate, evaluate, render."""
 
+import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -210,8 +211,6 @@ def generate(
         max_draws: How often a scene is drawn anew until it satisfies its requirements.
         weights: Another weights file (.safetensors, card beside it).
     """
-    import json
-
     _at_least("max-draws", max_draws, 1, 10_000)
     wanted = _wanted(conditions, size, count, requirements, seed)
     settings = {
@@ -227,24 +226,39 @@ def generate(
     }
     limit = 1 if guidance == "none" else max_draws
     prepare_jax()
-    if out is None:
-        generator = make_generator(weights, guidance)
-        failed = 0
-        for scenes in _chunks(generator, wanted, 0, seed, limit):
-            for scene in scenes:
-                print(json.dumps(scene.to_json(), allow_nan=False), flush=True)
-                failed += not scene.certificate.satisfied
-        return _summary(wanted.count, failed, guidance, None)
-    target = ResumableOutput(out, settings)
+    target = None if out is None else ResumableOutput(out, settings)
     generator = make_generator(weights, guidance)
+    if target is None:
+        failed = _print_scenes(_chunks(generator, wanted, 0, seed, limit))
+    else:
+        failed = _append_scenes(
+            target, wanted.count, lambda first: _chunks(generator, wanted, first, seed, limit)
+        )
+    return _summary(wanted.count, failed, guidance, out)
+
+
+def _print_scenes(chunks: "Iterator[list[Scene]]") -> int:
+    """Scenes to stdout; returns how many are not satisfied."""
+    failed = 0
+    for scenes in chunks:
+        for scene in scenes:
+            print(json.dumps(scene.to_json(), allow_nan=False), flush=True)
+            failed += not scene.certificate.satisfied
+    return failed
+
+
+def _append_scenes(
+    target: ResumableOutput, count: int, chunks_from: "Callable[[int], Iterator[list[Scene]]]"
+) -> int:
+    """Scenes to the end of a file that may hold some already; returns how many are not satisfied."""
     with target as lines, progress() as bars:
-        bar = bars.add_task("scenes", total=wanted.count, completed=len(lines.finished))
+        bar = bars.add_task("scenes", total=count, completed=len(lines.finished))
         failed = sum(not row["certificate"]["satisfied"] for row in lines.finished)
-        for scenes in _chunks(generator, wanted, len(lines.finished), seed, limit):
+        for scenes in chunks_from(len(lines.finished)):
             lines.append([scene.to_json() for scene in scenes])
             failed += sum(not scene.certificate.satisfied for scene in scenes)
             bars.advance(bar, len(scenes))
-    return _summary(wanted.count, failed, guidance, out)
+    return failed
 
 
 def _summary(count: int, failed: int, guidance: str, out: Path | None) -> int:
