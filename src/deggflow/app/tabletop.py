@@ -25,7 +25,7 @@ MAX_COUNT = 1_000_000
 MAX_SEED = 2**31 - 1  # JAX's keys are made from 32-bit integers
 
 
-def _at_least(name: str, value: int, low: int, high: int) -> None:
+def _in_range(name: str, value: int, low: int, high: int) -> None:
     if not low <= value <= high:
         raise InputError(f"--{name} must lie in [{low}, {high}]; got {value}")
 
@@ -46,9 +46,9 @@ def data(
         clearance: Free space aimed at around objects and regions, m.
         seed: Seed of the scenes.
     """
-    _at_least("training", training, 1, MAX_COUNT)
-    _at_least("validation", validation, 1, MAX_COUNT)
-    _at_least("seed", seed, 0, MAX_SEED // 2)  # training and validation use 2 seed and 2 seed + 1
+    _in_range("training", training, 1, MAX_COUNT)
+    _in_range("validation", validation, 1, MAX_COUNT)
+    _in_range("seed", seed, 0, MAX_SEED // 2)  # training and validation use 2 seed and 2 seed + 1
     if not 0.015 <= clearance <= 0.5:
         raise InputError(f"--clearance must lie in [0.015, 0.5] m; got {clearance}")
     prepare_jax()
@@ -86,10 +86,10 @@ def train(
         head_width: Width of the last layers.
         seed: Seed of initial weights, batches and noise.
     """
-    _at_least("seed", seed, 0, MAX_SEED)
-    _at_least("batch", batch, 1, 100_000)
+    _in_range("seed", seed, 0, MAX_SEED)
+    _in_range("batch", batch, 1, 100_000)
     for name, value in (("width", width), ("rounds", rounds), ("head-width", head_width)):
-        _at_least(name, value, 1, 10_000)
+        _in_range(name, value, 1, 10_000)
     if not 0 < learning_rate < 1:
         raise InputError(f"--learning-rate must lie in (0, 1); got {learning_rate}")
     prepare_jax()
@@ -141,7 +141,7 @@ def _wanted(
 ) -> _Wanted:
     if (conditions is None) == (size is None):
         raise InputError("give either --conditions FILE or --size N (with --count M)")
-    _at_least("seed", seed, 0, MAX_SEED)
+    _in_range("seed", seed, 0, MAX_SEED)
     if conditions is not None:
         if count is not None or family != "changed":
             raise InputError("--count and --requirements go with --size, not with --conditions")
@@ -151,8 +151,8 @@ def _wanted(
         return _Wanted(len(given), given, 0, "", seed)
     from deggflow.tasks.tabletop.library import MAX_OBJECTS
 
-    _at_least("size", size or 0, 1, MAX_OBJECTS)
-    _at_least("count", 1 if count is None else count, 1, MAX_COUNT)
+    _in_range("size", size or 0, 1, MAX_OBJECTS)
+    _in_range("count", 1 if count is None else count, 1, MAX_COUNT)
     return _Wanted(1 if count is None else count, None, size or 0, family, seed)
 
 
@@ -211,7 +211,7 @@ def generate(
         max_draws: How often a scene is drawn anew until it satisfies its requirements.
         weights: Another weights file (.safetensors, card beside it).
     """
-    _at_least("max-draws", max_draws, 1, 10_000)
+    _in_range("max-draws", max_draws, 1, 10_000)
     wanted = _wanted(conditions, size, count, requirements, seed)
     settings = {
         "command": "tabletop generate",
@@ -292,11 +292,11 @@ def evaluate(
     """
     from deggflow.tasks.tabletop.library import MAX_OBJECTS
 
-    _at_least("cases", cases, 1, MAX_COUNT)
-    _at_least("seed", seed, 0, MAX_SEED)
-    _at_least("max-draws", max_draws, 1, 10_000)
+    _in_range("cases", cases, 1, MAX_COUNT)
+    _in_range("seed", seed, 0, MAX_SEED)
+    _in_range("max-draws", max_draws, 1, 10_000)
     for size in sizes:
-        _at_least("sizes", size, 1, MAX_OBJECTS)
+        _in_range("sizes", size, 1, MAX_OBJECTS)
     prepare_jax()
     from .evaluation import run_comparison, run_evaluation
 
@@ -342,7 +342,7 @@ def render(
     found = read_scenes(scenes)
     chosen = lines or tuple(range(1, min(len(found), 12) + 1))
     for line in chosen:
-        _at_least("lines", line, 1, len(found))
+        _in_range("lines", line, 1, len(found))
     from .pictures import draw, regenerate
 
     prepare_jax()
