@@ -7,12 +7,18 @@ if TYPE_CHECKING:
     from .certificate import Certificate, certify
     from .generation import Generation, generate, refined_grid
     from .guidance import (
+        AdaptiveShares,
         DecoupledGuidance,
+        EqualShares,
+        FixedShares,
         Local,
         NoGuidance,
         Own,
         Pooled,
         PrivateRequirement,
+        SharedFactor,
+        SharedRequirements,
+        TighteningBound,
         hinge_violation,
         min_norm_input,
     )
@@ -24,12 +30,18 @@ _HOME = {
     "certificate": ("Certificate", "certify"),
     "generation": ("Generation", "generate", "refined_grid"),
     "guidance": (
+        "AdaptiveShares",
         "DecoupledGuidance",
+        "EqualShares",
+        "FixedShares",
         "Local",
         "NoGuidance",
         "Own",
         "Pooled",
         "PrivateRequirement",
+        "SharedFactor",
+        "SharedRequirements",
+        "TighteningBound",
         "hinge_violation",
         "min_norm_input",
     ),
@@ -37,14 +49,20 @@ _HOME = {
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
+    "AdaptiveShares",
     "Certificate",
     "DecoupledGuidance",
+    "EqualShares",
+    "FixedShares",
     "Generation",
     "Local",
     "NoGuidance",
     "Own",
     "Pooled",
     "PrivateRequirement",
+    "SharedFactor",
+    "SharedRequirements",
+    "TighteningBound",
     "certify",
     "generate",
     "hinge_violation",

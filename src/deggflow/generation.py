@@ -16,7 +16,9 @@ class Trace(NamedTuple):
     """The generation step by step, before each step."""
 
     tau: Float[Array, " steps"]
-    value: Float[Array, "steps requirements"]  # V or q of each requirement
+    value: Float[Array, "steps rows"]  # V or q of each requirement
+    bound: Float[Array, "steps rows"]  # what the theorem promises of it
+    able: Bool[Array, "steps rows agents"]  # the theorem's condition for a feasible row holds
     infeasible: Bool[Array, "steps agents"]  # this agent had no input that meets its rows
     effort: Float[Array, "steps agents"]  # |u_i|
 
@@ -73,7 +75,7 @@ def generate(
         tau, after = span
         drift = field(tau, z, condition)
         correction, report = guidance(state, tau, z, drift, condition)
-        trace = Trace(tau, report.value, report.infeasible, report.effort)
+        trace = Trace(tau, *report)
         return z + (after - tau) * (drift + correction), (trace, z if keep_path else None)
 
     z, (trace, path) = jax.lax.scan(step, z0, (grid[:-1], grid[1:]))

@@ -19,6 +19,8 @@ from .files import write_atomically
 from .flow import mac_loss
 from .jsonl import InputError
 
+SampleLoss = Callable[..., Float[Array, ""]]
+"""Loss of one sample: (field, tau, x0, x1, condition, mask) -> scalar, as `mac_loss`."""
 Augment = Callable[[PRNGKeyArray, Float[Array, "agents dim"], Any], Float[Array, "agents dim"]]
 
 _VALIDATION_KEY = 2**31 - 1  # folded into the seed's key; no training step reaches it
@@ -66,8 +68,8 @@ class Curve(NamedTuple):
     """One point of the training curves."""
 
     step: int
-    training: float  # mean L_MAC since the point before
-    validation: float  # L_MAC of the averaged weights on held-out data
+    training: float  # mean loss since the point before
+    validation: float  # loss of the averaged weights on held-out data
 
 
 def _optimizer(config: TrainingConfig) -> optax.GradientTransformation:
@@ -84,21 +86,21 @@ def _optimizer(config: TrainingConfig) -> optax.GradientTransformation:
 
 
 def _batch_loss(
-    field: Any, data: Dataset, key: PRNGKeyArray, augment: Augment | None
+    field: Any, data: Dataset, key: PRNGKeyArray, loss: SampleLoss, augment: Augment | None
 ) -> Float[Array, ""]:
     def one(key: PRNGKeyArray, x1: Array, condition: Any, mask: Array) -> Float[Array, ""]:
         tau_key, noise_key, augment_key = jax.random.split(key, 3)
         if augment is not None:
             x1 = augment(augment_key, x1, condition)
         x0 = jax.random.normal(noise_key, x1.shape)
-        return mac_loss(field, jax.random.uniform(tau_key), x0, x1, condition, mask)
+        return loss(field, jax.random.uniform(tau_key), x0, x1, condition, mask)
 
     keys = jax.random.split(key, data.z.shape[0])
     return jnp.mean(jax.vmap(one)(keys, data.z, data.condition, data.mask))
 
 
 def _make_programs(
-    static: Any, config: TrainingConfig, augment: Augment | None
+    static: Any, config: TrainingConfig, loss: SampleLoss, augment: Augment | None
 ) -> tuple[Callable[..., Any], Callable[..., Any]]:
     optimizer = _optimizer(config)
     root = jax.random.key(config.seed)
@@ -109,10 +111,10 @@ def _make_programs(
         index = jax.random.randint(index_key, (config.batch,), 0, data.z.shape[0])
         batch = jax.tree.map(lambda leaf: leaf[index], data)
 
-        def loss(weights: Any) -> Float[Array, ""]:
-            return _batch_loss(eqx.combine(weights, static), batch, loss_key, augment)
+        def of_weights(weights: Any) -> Float[Array, ""]:
+            return _batch_loss(eqx.combine(weights, static), batch, loss_key, loss, augment)
 
-        value, gradient = jax.value_and_grad(loss)(state.weights)
+        value, gradient = jax.value_and_grad(of_weights)(state.weights)
         updates, optimizer_state = optimizer.update(gradient, state.optimizer, state.weights)
         weights = optax.apply_updates(state.weights, updates)
         averaged = optax.incremental_update(weights, state.averaged, 1 - config.average)
@@ -126,7 +128,7 @@ def _make_programs(
     @jax.jit
     def validate(state: TrainingState, data: Dataset) -> Float[Array, ""]:
         field = eqx.combine(state.averaged, static)
-        return _batch_loss(field, data, jax.random.fold_in(root, _VALIDATION_KEY), None)
+        return _batch_loss(field, data, jax.random.fold_in(root, _VALIDATION_KEY), loss, None)
 
     return advance, validate
 
@@ -173,10 +175,11 @@ def train(
     folder: Path,
     *,
     identity: Mapping[str, Any] | None = None,
+    loss: SampleLoss = mac_loss,
     augment: Augment | None = None,
     on_progress: Callable[[Curve], None] = lambda curve: None,
 ) -> tuple[eqx.Module, list[Curve]]:
-    """Trains a field on L_MAC, or goes on where a killed run in the same folder stopped.
+    """Trains a field, or goes on where a killed run in the same folder stopped.
 
     Args:
         field: Freshly initialised field; decides architecture and initial weights.
@@ -185,6 +188,7 @@ def train(
         config: Settings; a folder holds one run and refuses another configuration.
         folder: Receives `config.json`, `curves.csv` and checkpoints.
         identity: What else makes this run this run (JSON values), checked like the settings.
+        loss: Loss of one sample, L_MAC by default.
         augment: Symmetry of the data, applied to x1 with a key and the condition.
         on_progress: Called at each point of the curves.
 
@@ -199,7 +203,7 @@ def train(
     weights, static = eqx.partition(field, eqx.is_inexact_array)
     averaged = jax.tree.map(jnp.copy, weights)
     state = TrainingState(weights, averaged, _optimizer(config).init(weights), jnp.asarray(0))
-    advance, validate = _make_programs(static, config, augment)
+    advance, validate = _make_programs(static, config, loss, augment)
     training, validation = jax.tree.map(jnp.asarray, (training, validation))
     options = ocp.CheckpointManagerOptions(max_to_keep=2, enable_async_checkpointing=False)
     with ocp.CheckpointManager((folder / "checkpoints").resolve(), options=options) as manager:

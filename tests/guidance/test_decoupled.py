@@ -29,11 +29,11 @@ def test_rows_hold_for_any_control_map_and_metric(key):
     rows = one.rows(state[0], tau, z, drift, g, None)
     u = jnp.stack([jnp.linalg.lstsq(g[i], correction[i])[0] for i in range(AGENTS)])
     np.testing.assert_allclose(jnp.einsum("adm,am->ad", g, u), correction, atol=1e-3)
-    slack = jnp.sum(rows.ell * u, axis=1) + rows.b
-    assert jnp.all(slack[~report.infeasible] <= 1e-3 * (1 + jnp.abs(rows.b)))
+    slack = jnp.sum(rows.ell[0] * u, axis=1) + rows.b[0]
+    assert jnp.all(slack[~report.infeasible] <= 1e-3 * (1 + jnp.abs(rows.b[0])))
     # Where an agent acts, its input is along H^-1 ell: no smaller one (in H) meets the row.
     for i in range(AGENTS):
-        along = jnp.linalg.solve(metric, rows.ell[i])
+        along = jnp.linalg.solve(metric, rows.ell[0, i])
         assert abs(along[0] * u[i, 1] - along[1] * u[i, 0]) <= 1e-2 * (1 + jnp.linalg.norm(u[i]))
 
 
@@ -47,7 +47,8 @@ def test_two_requirements_stand_in_one_generation(key):
     assert report.value.shape == (2,)
     for one, own in zip(guidance.requirements, state, strict=True):
         rows = one.rows(own, jnp.asarray(0.6), z, drift, None, None)
-        assert jnp.all(jnp.sum(rows.ell * u, axis=1) + rows.b <= 1e-3 * (1 + jnp.abs(rows.b)))
+        slack = jnp.sum(rows.ell[0] * u, axis=1) + rows.b[0]
+        assert jnp.all(slack <= 1e-3 * (1 + jnp.abs(rows.b[0])))
 
 
 def test_an_agents_input_does_not_use_anothers(key):

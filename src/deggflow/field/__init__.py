@@ -1,6 +1,6 @@
 """Nominal vector fields."""
 
-from .features import TeamFeatures, time_features
+from .features import TIME_FEATURES, TeamFeatures, time_features
 from .message_passing import MessagePassingField
 
-__all__ = ["MessagePassingField", "TeamFeatures", "time_features"]
+__all__ = ["TIME_FEATURES", "MessagePassingField", "TeamFeatures", "time_features"]

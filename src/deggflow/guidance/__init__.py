@@ -1,18 +1,26 @@
 """Decoupled guidance: every agent computes its own input, from states alone."""
 
 from .allocation import AbstractAllocation, Local, Own, Pooled
+from .bound import AbstractBound, TighteningBound
 from .decoupled import AbstractGuidance, DecoupledGuidance, GuidanceReport, NoGuidance
 from .private import PrivateRequirement, hinge_violation
 from .qp import MinNormInput, min_norm_input
 from .requirement import AbstractRequirement, Rows
 from .schedule import AbstractSchedule, LinearSchedule
+from .shared import Recovering, SharedFactor, SharedRequirements
+from .sharing import AbstractSharing, AdaptiveShares, EqualShares, FixedShares
 
 __all__ = [
     "AbstractAllocation",
+    "AbstractBound",
     "AbstractGuidance",
     "AbstractRequirement",
     "AbstractSchedule",
+    "AbstractSharing",
+    "AdaptiveShares",
     "DecoupledGuidance",
+    "EqualShares",
+    "FixedShares",
     "GuidanceReport",
     "LinearSchedule",
     "Local",
@@ -21,7 +29,11 @@ __all__ = [
     "Own",
     "Pooled",
     "PrivateRequirement",
+    "Recovering",
     "Rows",
+    "SharedFactor",
+    "SharedRequirements",
+    "TighteningBound",
     "hinge_violation",
     "min_norm_input",
 ]

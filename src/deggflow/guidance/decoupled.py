@@ -15,7 +15,9 @@ from .requirement import AbstractRequirement, ControlMap
 class GuidanceReport(NamedTuple):
     """What happened in one evaluation of the guidance, per sample."""
 
-    value: Float[Array, " requirements"]  # V or q of each requirement
+    value: Float[Array, " rows"]  # V or q of each requirement
+    bound: Float[Array, " rows"]  # what the theorem promises of it
+    able: Bool[Array, "rows agents"]  # the theorem's condition for a feasible row holds
     infeasible: Bool[Array, " agents"]  # no input of this agent meets its rows
     effort: Float[Array, " agents"]  # |u_i|
 
@@ -54,7 +56,8 @@ class NoGuidance(AbstractGuidance):
         condition: Any,
     ) -> tuple[Float[Array, "agents dim"], GuidanceReport]:
         agents = z.shape[0]
-        nothing = GuidanceReport(jnp.zeros(0), jnp.zeros(agents, bool), jnp.zeros(agents))
+        none, no = jnp.zeros(0), jnp.zeros(agents, bool)
+        nothing = GuidanceReport(none, none, jnp.zeros((0, agents), bool), no, jnp.zeros(agents))
         return jnp.zeros_like(z), nothing
 
 
@@ -62,8 +65,7 @@ class DecoupledGuidance(AbstractGuidance):
     """Each agent solves its own small QP over its rows, without knowing any other agent's input.
 
     Args:
-        requirements: Each gives every agent one row; two at most, until more rows than the closed form of
-            `min_norm_input` are asked for.
+        requirements: Their rows together are two at most for each agent, as `min_norm_input` has them.
         control: g, one matrix per agent; None is the identity.
         metric: H, common to the agents; None is the identity.
 
@@ -73,6 +75,11 @@ class DecoupledGuidance(AbstractGuidance):
     requirements: tuple[AbstractRequirement, ...]
     control: ControlMap | None = None
     metric: Float[Array, "inputs inputs"] | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What reports call the requirements, one name per row."""
+        return tuple(name for requirement in self.requirements for name in requirement.names)
 
     def init(self, z0: Float[Array, "agents dim"], condition: Any) -> tuple[Any, ...]:
         return tuple(requirement.init(z0, condition) for requirement in self.requirements)
@@ -90,10 +97,14 @@ class DecoupledGuidance(AbstractGuidance):
             requirement.rows(own, tau, z, drift, control, condition)
             for requirement, own in zip(self.requirements, state, strict=True)
         ]
-        ell = jnp.stack([row.ell for row in rows], axis=1)
-        b = jnp.stack([row.b for row in rows], axis=1)
-        u, feasible = jax.vmap(lambda ell, b: min_norm_input(ell, b, self.metric))(ell, b)
-        value = jnp.stack([row.value for row in rows])
-        report = GuidanceReport(value, ~feasible, jnp.linalg.norm(u, axis=-1))
+        ell = jnp.concatenate([row.ell for row in rows])
+        b = jnp.concatenate([row.b for row in rows])
+        solve = jax.vmap(lambda ell, b: min_norm_input(ell, b, self.metric), in_axes=1)
+        u, feasible = solve(ell, b)
+        value, bound, able = (
+            jnp.concatenate([getattr(row, name) for row in rows])
+            for name in ("value", "bound", "able")
+        )
+        report = GuidanceReport(value, bound, able, ~feasible, jnp.linalg.norm(u, axis=-1))
         correction = u if control is None else jnp.einsum("adm,am->ad", control, u)
         return correction, report

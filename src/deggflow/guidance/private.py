@@ -61,13 +61,24 @@ class PrivateRequirement(AbstractRequirement):
                 f"(finite-horizon theorem for PE guidance); got {self.kappa}."
             )
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        return (self.name,)
+
     def init(self, z0: Float[Array, "agents dim"], condition: Any) -> Float[Array, ""]:
-        """The constant c, from V(0)."""
-        total = jnp.maximum(jnp.sum(self.violation(z0, condition)), MIN_VIOLATION)
-        return self._gain(total, self.omega.remaining(jnp.zeros(())))
+        """V(0), from which c is fixed."""
+        return jnp.sum(self.violation(z0, condition))
 
     def _gain(self, total: Float[Array, ""], remaining: Float[Array, ""]) -> Float[Array, ""]:
         return self.kappa / (1 - self.rho) * total ** (1 - self.rho) / remaining
+
+    def bound(self, start: Float[Array, ""], tau: Float[Array, ""]) -> Float[Array, ""]:
+        """What V(tau) stays below, from V(0): the theorem's bound, or that of the re-anchored gain."""
+        whole, rest = self.omega.remaining(jnp.zeros_like(tau)), self.omega.remaining(tau)
+        if self.reanchored:
+            return start * (rest / whole) ** (self.kappa / (1 - self.rho))
+        share = 1 - self.kappa * (whole - rest) / whole  # of V(0)^(1 - rho)
+        return start * jnp.maximum(share, 0.0) ** (1 / (1 - self.rho))
 
     def rows(
         self,
@@ -86,11 +97,14 @@ class PrivateRequirement(AbstractRequirement):
 
         (total, parts), gradient = jax.value_and_grad(total_and_parts, has_aux=True)(z)
         if self.reanchored:
-            remaining = jnp.maximum(self.omega.remaining(tau), MIN_REMAINING)
-            gain = self._gain(total, remaining)
+            gain = self._gain(total, jnp.maximum(self.omega.remaining(tau), MIN_REMAINING))
         else:
-            gain = state
+            start = jnp.maximum(state, MIN_VIOLATION)
+            gain = self._gain(start, self.omega.remaining(jnp.zeros_like(tau)))
         demand = gain * self.omega(tau) * parts**self.rho
         ell = input_gradient(control, gradient)
-        zeta = self.allocation(demand, jnp.sum(ell**2, axis=-1), z, condition)
-        return Rows(ell, jnp.sum(gradient * drift, axis=-1) + zeta, total)
+        influence = jnp.sum(ell**2, axis=-1)
+        zeta = self.allocation(demand, influence, z, condition)
+        b = jnp.sum(gradient * drift, axis=-1) + zeta
+        able = (b <= 0) | (influence > 0)  # cor:PE_local_feasibility
+        return Rows(ell[None], b[None], total[None], self.bound(state, tau)[None], able[None])

@@ -1,4 +1,4 @@
-"""What a requirement is: one half-space `ell @ u + b <= 0` for every agent it touches."""
+"""What a requirement is: half-spaces `ell @ u + b <= 0` for every agent it touches."""
 
 import abc
 from collections.abc import Callable
@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 ControlMap = Callable[
     [Float[Array, ""], Float[Array, "agents dim"], Any], Float[Array, "agents dim inputs"]
@@ -15,26 +15,30 @@ ControlMap = Callable[
 
 
 class Rows(NamedTuple):
-    """One row of every agent's local QP.
+    """Rows of every agent's local QP, one per factor of a requirement.
 
     `ell` is g_i^T times the gradient in z_i (requirement units per input unit); `b` is what the agent must
-    bring down, positive where it must act; `value` is the requirement's own measure of how far it is from
-    being met, for the trace.
+    bring down, positive where it must act.
     """
 
-    ell: Float[Array, "agents inputs"]
-    b: Float[Array, " agents"]
-    value: Float[Array, ""]
+    ell: Float[Array, "rows agents inputs"]
+    b: Float[Array, "rows agents"]
+    value: Float[Array, " rows"]  # V or q: how far it is from being met
+    bound: Float[Array, " rows"]  # what the theorem promises of the value at this tau
+    able: Bool[Array, "rows agents"]  # whether the theorem's condition for a feasible row holds
 
 
 class AbstractRequirement(eqx.Module):
-    """A hard requirement that gives each agent one row, from states alone."""
+    """Hard requirements that give each agent one row each, from states alone."""
 
-    name: eqx.AbstractVar[str]
+    @property
+    @abc.abstractmethod
+    def names(self) -> tuple[str, ...]:
+        """What reports call them, one name per row."""
 
     @abc.abstractmethod
     def init(self, z0: Float[Array, "agents dim"], condition: Any) -> Any:
-        """State of the requirement for one sample; bounds may depend on z(0)."""
+        """State for one sample; bounds may depend on z(0)."""
 
     @abc.abstractmethod
     def rows(
@@ -46,7 +50,7 @@ class AbstractRequirement(eqx.Module):
         control: Float[Array, "agents dim inputs"] | None,
         condition: Any,
     ) -> Rows:
-        """Every agent's row at (tau, z), where the nominal field is `drift` and g is `control`."""
+        """Every agent's rows at (tau, z), where the nominal field is `drift` and g is `control`."""
 
 
 def input_gradient(

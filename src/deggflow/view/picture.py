@@ -17,10 +17,11 @@ from deggflow.tasks.tabletop.verdict import judge
 from .marks import checked_poses
 from .stage import Camera, RendererName, open_stage
 
-_OVERSAMPLING = 3  # pictures for print; a video makes do with less
-_INK, _GREY = (25, 25, 25), (70, 70, 70)
+OVERSAMPLING = 3  # pictures for print; a video makes do with less
+_INK, GREY = (25, 25, 25), (70, 70, 70)
 
 Picture = UInt8[np.ndarray, "height width 3"]
+Ink = tuple[int, int, int]
 Sheet = UInt8[np.ndarray, "rows columns 3"]
 
 
@@ -50,7 +51,7 @@ def render(
         height=height,
         camera=camera,
         renderer=renderer,
-        oversampling=_OVERSAMPLING,
+        oversampling=OVERSAMPLING,
     )
     with closing(stage):
         return stage.picture(rows, judge([condition], [rows])[0])
@@ -68,9 +69,20 @@ def side_by_side(
 
 
 def panels(
-    images: Sequence[Picture], *, titles: Sequence[str], captions: Sequence[str] | None = None
+    images: Sequence[Picture],
+    *,
+    titles: Sequence[str],
+    captions: Sequence[str] | None = None,
+    inks: Sequence[Ink] | None = None,
 ) -> Sheet:
-    """Pictures of one height in a row, each with a title and, if given, a caption of one line."""
+    """Pictures of one height in a row, each with a title and, if given, a caption of one line.
+
+    Args:
+        images: The pictures.
+        titles: One above each.
+        captions: One below each.
+        inks: Colour of each caption; grey if not given.
+    """
     heights = {image.shape[0] for image in images}
     if len(heights) != 1:
         raise ValueError(f"`images` in a row must have the same height; got {sorted(heights)}.")
@@ -87,8 +99,9 @@ def panels(
         middle = x + widths[k] / 2
         draw.text((middle, head / 2), titles[k], _INK, font("bold", text), anchor="mm")
         if captions:
-            fitted = _fitting(captions[k], round(0.8 * text), widths[k])
-            draw.text((middle, head + height + foot / 2), captions[k], _GREY, fitted, anchor="mm")
+            fitted = fitting(captions[k], round(0.8 * text), widths[k])
+            ink = inks[k] if inks else GREY
+            draw.text((middle, head + height + foot / 2), captions[k], ink, fitted, anchor="mm")
         x += widths[k] + gap
     return np.array(sheet)
 
@@ -109,7 +122,7 @@ def font(weight: str, size: int) -> ImageFont.FreeTypeFont:
     return ImageFont.truetype(f"{get_data_path()}/fonts/ttf/{file}", size)
 
 
-def _fitting(text: str, size: int, width: int) -> ImageFont.FreeTypeFont:
+def fitting(text: str, size: int, width: int) -> ImageFont.FreeTypeFont:
     """The regular font, smaller than asked where the text would be wider than its picture."""
     needed = font("regular", size).getlength(text)
     return font("regular", max(min(size, int(size * width / max(needed, 1.0))), 6))

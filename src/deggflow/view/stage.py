@@ -36,23 +36,42 @@ class Stage(ABC):
         """Gives back what the stage holds."""
 
 
-class MujocoStage(Stage):
-    """A MuJoCo scene: compiled once, objects moved and recoloured from picture to picture.
+class Offscreen:
+    """Takes pictures of a MuJoCo model through OpenGL; close it when done.
 
     Edges are smoothed by averaging a larger picture: without a GPU this takes a good deal less time
     than OpenGL's own multisampling.
     """
 
+    def __init__(self, model: Any, width: int, height: int, oversampling: int) -> None:
+        mujoco = import_mujoco()
+        self._oversampling, fine = oversampling, (oversampling * width, oversampling * height)
+        model.vis.global_.offwidth, model.vis.global_.offheight = fine
+        model.vis.quality.offsamples = 0
+        self._renderer = mujoco.Renderer(model, fine[1], fine[0])
+        # Shadows and reflections would cost more time than all the rest.
+        for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
+            self._renderer.scene.flags[flag] = False
+
+    def picture(self, data: Any, camera: str) -> UInt8[np.ndarray, "height width 3"]:
+        """What a camera of the model sees; `data` is MuJoCo's, with positions up to date."""
+        self._renderer.update_scene(data, camera=camera)
+        return np.array(Image.fromarray(self._renderer.render()).reduce(self._oversampling))
+
+    def close(self) -> None:
+        """Frees the OpenGL context."""
+        self._renderer.close()
+
+
+class MujocoStage(Stage):
+    """A MuJoCo scene: compiled once, objects moved and recoloured from picture to picture."""
+
     def __init__(
         self, condition: SceneCondition, width: int, height: int, camera: Camera, oversampling: int
     ) -> None:
-        mujoco = _import_mujoco()
+        mujoco = import_mujoco()
         self._mujoco, self._condition, self._camera = mujoco, condition, camera
         self._model = mujoco.MjModel.from_xml_string(stage_mjcf(condition))
-        self._oversampling = oversampling
-        visual, fine = self._model.vis, (oversampling * width, oversampling * height)
-        visual.global_.offwidth, visual.global_.offheight = fine
-        visual.quality.offsamples = 0
         self._fit_cameras(width / height)
         self._data = mujoco.MjData(self._model)
         self._mocap = [self._model.body(name).mocapid[0] for name in condition.objects]
@@ -65,10 +84,7 @@ class MujocoStage(Stage):
             [self._model.geom(part).id for part in outline_names(name)]
             for name in condition.objects
         ]
-        self._renderer = mujoco.Renderer(self._model, fine[1], fine[0])
-        # Shadows and reflections would cost more time than all the rest.
-        for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
-            self._renderer.scene.flags[flag] = False
+        self._offscreen = Offscreen(self._model, width, height, oversampling)
 
     def picture(
         self, poses: Float[np.ndarray, "agents 3"], verdict: Verdict
@@ -81,17 +97,11 @@ class MujocoStage(Stage):
         self._colour(marks_of(verdict))
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
-        self._renderer.update_scene(self._data, camera=self._camera)
-        return self._reduced(self._renderer.render())
+        return self._offscreen.picture(self._data, self._camera)
 
     def close(self) -> None:
         """Frees the OpenGL context."""
-        self._renderer.close()
-
-    def _reduced(
-        self, image: UInt8[np.ndarray, "fine_height fine_width 3"]
-    ) -> UInt8[np.ndarray, "height width 3"]:
-        return np.array(Image.fromarray(image).reduce(self._oversampling))
+        self._offscreen.close()
 
     def _fit_cameras(self, aspect: float) -> None:
         """Widens the view for pictures narrower than the cameras were framed for."""
@@ -141,21 +151,31 @@ def open_stage(
         height: Of the pictures, pixels.
         camera: MuJoCo's camera; the drawn view is always from the top.
         renderer: "auto" draws a top view where OpenGL cannot be used, and says so once on stderr.
-
         oversampling: MuJoCo renders so many times wider and higher, and averages.
 
     Raises:
         RuntimeError: If MuJoCo is asked for and OpenGL cannot be used.
     """
+    if mujoco_draws(renderer):
+        return MujocoStage(condition, width, height, camera, oversampling)
+    return TopviewStage(condition, width, height)
+
+
+def mujoco_draws(renderer: RendererName) -> bool:
+    """Whether MuJoCo takes the pictures; if "auto" comes to a top view, stderr says so once.
+
+    Raises:
+        RuntimeError: If MuJoCo is asked for and OpenGL cannot be used.
+    """
     if renderer == "matplotlib":
-        return TopviewStage(condition, width, height)
+        return False
     problem = gl_problem()
     if problem is None:
-        return MujocoStage(condition, width, height, camera, oversampling)
+        return True
     if renderer == "mujoco":
         raise RuntimeError(f"MuJoCo cannot render here: {problem}.")
     _announce(problem)
-    return TopviewStage(condition, width, height)
+    return False
 
 
 @cache
@@ -166,7 +186,7 @@ def gl_problem() -> str | None:
         warnings.simplefilter("ignore")  # GLFW warns on stderr before MuJoCo raises
         # Libraries, drivers and displays fail in many ways, from ImportError to mujoco.FatalError.
         try:
-            mujoco = _import_mujoco()
+            mujoco = import_mujoco()
             mujoco.Renderer(mujoco.MjModel.from_xml_string("<mujoco/>"), 16, 16).close()
         except Exception as error:
             # First line only: some of these messages run over a page.
@@ -182,7 +202,7 @@ def _announce(problem: str) -> None:
     print(f"deggflow: no 3D pictures, drawing a top view instead ({problem})", file=sys.stderr)
 
 
-def _import_mujoco() -> Any:
+def import_mujoco() -> Any:
     """MuJoCo; it reads MUJOCO_GL when it is imported, so the choice is made here."""
     headless = not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
     if sys.platform.startswith("linux") and headless and not os.environ.get("MUJOCO_GL"):

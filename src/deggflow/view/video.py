@@ -66,7 +66,7 @@ def write_video(
             _finished(list(pictures), tau, titles)
             for *pictures, tau in zip(*columns, times, strict=True)
         )
-        _encode(Path(path), frames, fps)
+        encode(Path(path), frames, fps)
 
 
 def _checked_times(
@@ -109,7 +109,8 @@ def _finished(
     return np.array(sheet)
 
 
-def _encode(path: Path, frames: Iterator[UInt8[np.ndarray, "rows columns 3"]], fps: int) -> None:
+def encode(path: Path, frames: Iterator[UInt8[np.ndarray, "rows columns 3"]], fps: int) -> None:
+    """Writes frames of one even size as MP4, the last one held for a second; atomically."""
     with replacing(path) as beside:
         _run_encoder(str(beside), frames, fps)
 

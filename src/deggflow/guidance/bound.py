@@ -1,0 +1,72 @@
+"""beta(tau): the bound under which a shared requirement is led to its end value."""
+
+import abc
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+SLACK = 0.02  # by which the bound starts above q(z(0)) (paper, Task 1)
+
+
+class AbstractBound(eqx.Module):
+    """A C^1 bound with beta(0) >= q(z(0)); its derivative is taken automatically."""
+
+    @abc.abstractmethod
+    def init(self, value: Float[Array, ""], condition: Any) -> Any:
+        """State of one sample, from q(0, z(0))."""
+
+    @abc.abstractmethod
+    def __call__(self, state: Any, tau: Float[Array, ""]) -> Float[Array, ""]:
+        """beta(tau)."""
+
+
+class Ends(NamedTuple):
+    """Where a bound starts and where it leads."""
+
+    start: Float[Array, ""]
+    end: Float[Array, ""]
+
+
+def quintic(tau: Float[Array, ""]) -> Float[Array, ""]:
+    """1 - 10 tau^3 + 15 tau^4 - 6 tau^5: from one to zero, flat at both ends to second order."""
+    return 1 - tau**3 * (10 - tau * (15 - 6 * tau))
+
+
+def zero(condition: Any) -> Float[Array, ""]:
+    """The end value of a plain hard requirement."""
+    return jnp.zeros(())
+
+
+class TighteningBound(AbstractBound):
+    """beta(tau) = end + (start - end) profile(tau), start = max(q(z(0)) + slack, end + least).
+
+    Args:
+        end: End value from the condition; 0 by default.
+        slack: Start above q(z(0)).
+        least: Start at least this much above the end; None: the bound may also rise to its end.
+        profile: From 1 at tau = 0 to 0 at tau = 1, continuously differentiable.
+
+    Source: paper, App. on Task 1 (beta_a).
+    """
+
+    end: Callable[[Any], Float[Array, ""]] = zero
+    slack: float = eqx.field(static=True, default=SLACK)
+    least: float | None = eqx.field(static=True, default=None)
+    profile: Callable[[Float[Array, ""]], Float[Array, ""]] = quintic
+
+    def __check_init__(self) -> None:
+        if not self.slack >= 0:
+            raise ValueError(
+                f"`slack` must not be negative, else beta(0) < q(z(0)) (paper, eqn:SE_beta_start); got {self.slack}."
+            )
+
+    def init(self, value: Float[Array, ""], condition: Any) -> Ends:
+        end = self.end(condition)
+        start = value + self.slack
+        return Ends(start if self.least is None else jnp.maximum(start, end + self.least), end)
+
+    def __call__(self, state: Ends, tau: Float[Array, ""]) -> Float[Array, ""]:
+        return state.end + (state.start - state.end) * self.profile(tau)

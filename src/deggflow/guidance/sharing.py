@@ -1,0 +1,124 @@
+"""How the robots of a shared factor divide what it asks for: the weights w_{a,i} of each factor.
+
+Weights are nonnegative and add up to one over a factor's agents, which is all that the finite-horizon
+theorem for shared requirements needs. They decide whether every agent can meet its rows.
+"""
+
+import abc
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+DELTA = 0.02  # half width of the blend in phi_delta (paper, Task 1)
+
+
+class Shares(NamedTuple):
+    """Who takes how much of each factor."""
+
+    weight: Float[Array, "factors agents"]
+    direction: Float[Array, "factors agents inputs"]  # effective directions d_{a,i}
+
+
+class AbstractSharing(eqx.Module):
+    """Weights of every factor's agents, from the rows' directions."""
+
+    @abc.abstractmethod
+    def __call__(
+        self,
+        ell: Float[Array, "factors agents inputs"],
+        incident: Bool[Array, "factors agents"],
+    ) -> Shares:
+        """Args: ell: g_i^T grad_{z_i} q_a, zero where the agent is not incident to the factor."""
+
+
+def phi(eta: Float[Array, "..."], delta: float = DELTA) -> Float[Array, "..."]:
+    """phi_delta: eta below -delta, 0 above delta, twice continuously differentiable, at most min(eta, 0).
+
+    Source: paper, proof of prop:c2_feasibility.
+    """
+    s = jnp.clip(eta / delta, -1.0, 1.0)
+    blend = delta * (s - 1) ** 3 * (s + 3) / 16
+    return jnp.where(eta <= -delta, eta, blend)
+
+
+def effective_directions(
+    ell: Float[Array, "factors agents inputs"], delta: float = DELTA
+) -> Float[Array, "factors agents inputs"]:
+    """d_{a,i}: what is left of a row's direction when the part that works against the other row is taken out.
+
+    Raises:
+        ValueError: More than two factors.
+
+    Source: paper, before eqn:C2_weights.
+    """
+    if ell.shape[0] > 2:
+        raise ValueError(
+            f"`ell` has {ell.shape[0]} factors; effective directions are defined for two at most "
+            "(paper, prop:c2_feasibility)."
+        )
+    if ell.shape[0] < 2:
+        return ell
+    square = jnp.sum(ell**2, axis=-1)
+    live = square > 0
+    norm = jnp.sqrt(jnp.where(live, square, 1.0)) * live
+    unit = ell / jnp.where(live, norm, 1.0)[..., None]
+    against = phi(jnp.clip(jnp.sum(unit[0] * unit[1], axis=-1), -1.0, 1.0), delta)
+    # A factor that an agent can't change leaves the other one as it is.
+    against = jnp.where(live[0] & live[1], against, 0.0)
+    return ell - (norm * against[None])[..., None] * unit[::-1]
+
+
+def _normalised(
+    amount: Float[Array, "factors agents"], incident: Bool[Array, "factors agents"]
+) -> Float[Array, "factors agents"]:
+    """Amounts as shares of their factor's sum; equal shares where the sum is zero."""
+    total = jnp.sum(amount, axis=-1, keepdims=True)
+    equal = incident / jnp.maximum(jnp.sum(incident, axis=-1, keepdims=True), 1)
+    return jnp.where(total > 0, amount / jnp.where(total > 0, total, 1.0), equal)
+
+
+class AdaptiveShares(AbstractSharing):
+    """In proportion to |d_{a,i}|^2: agents whose rows oppose each other are asked for less.
+
+    Source: paper, eqn:C2_weights.
+    """
+
+    delta: float = eqx.field(static=True, default=DELTA)
+
+    def __check_init__(self) -> None:
+        if not 0 < self.delta < 1:
+            raise ValueError(f"`delta` must be in (0, 1) (paper, phi_delta); got {self.delta}.")
+
+    def __call__(
+        self,
+        ell: Float[Array, "factors agents inputs"],
+        incident: Bool[Array, "factors agents"],
+    ) -> Shares:
+        direction = effective_directions(ell, self.delta)
+        return Shares(_normalised(jnp.sum(direction**2, axis=-1), incident), direction)
+
+
+class EqualShares(AbstractSharing):
+    """Every incident agent takes the same part, whatever it can do about the factor; for comparison."""
+
+    def __call__(
+        self,
+        ell: Float[Array, "factors agents inputs"],
+        incident: Bool[Array, "factors agents"],
+    ) -> Shares:
+        return Shares(_normalised(jnp.zeros(incident.shape), incident), ell)
+
+
+class FixedShares(AbstractSharing):
+    """Weights given once and for all, per factor and agent; for comparison."""
+
+    weight: Float[Array, "factors agents"]
+
+    def __call__(
+        self,
+        ell: Float[Array, "factors agents inputs"],
+        incident: Bool[Array, "factors agents"],
+    ) -> Shares:
+        return Shares(_normalised(jnp.where(incident, self.weight, 0.0), incident), ell)

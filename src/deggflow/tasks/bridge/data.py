@@ -1,0 +1,198 @@
+"""Demonstrations of the bridge: made, written, read back as training windows."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from deggflow.jsonl import InputError, ResumableOutput, expect_object, read_lines
+from deggflow.train import Dataset
+
+from .codec import continuation, spline_coefficients, spline_matrix
+from .condition import BridgeCondition, Scales, padded_robots, to_arrays
+from .expert import DETOUR, PACE, TURNS, Approach, Demonstration, random_demonstration, windows
+from .formats import parse_condition, parse_twists
+from .motion import contact_velocity
+from .verdict import integrate
+from .world import EXECUTED
+
+CHUNK = 256  # demonstrations between two writes
+SHAKEN = 0.5  # share of windows whose continuation is disturbed
+SHAKE = (0.06, 0.06, 0.05)  # m/s, m/s, rad/s, largest standard deviation of its spline coefficients
+_FEW = 1e-3  # least scale, where a statistic of the data vanishes
+
+
+class Recipe(NamedTuple):
+    """What the demonstrations are like."""
+
+    sizes: tuple[int, ...] = (4, 5, 6)
+    training: int = 3_000  # demonstrations of each size
+    validation: int = 200
+    seed: int = 0
+
+
+class Example(NamedTuple):
+    """A training window: the condition and the body twists that the expert executes from there."""
+
+    condition: BridgeCondition
+    twists: Float[Array, "... horizon 3"]
+
+
+def to_json(demonstration: Demonstration) -> dict[str, Any]:
+    """A demonstration as it stands in a file."""
+    return {
+        "condition": demonstration.condition.to_json(),
+        "approach": demonstration.approach._asdict(),
+        "twists": demonstration.twists.tolist(),
+        "bridged": demonstration.bridged,
+        "seed": demonstration.seed,
+        "number": demonstration.number,
+    }
+
+
+def parse_demonstration(value: Any) -> Demonstration:
+    """A demonstration from its JSON object; raises `InputError` with the field."""
+    keys = ("condition", "approach", "twists", "bridged", "seed", "number")
+    given = expect_object(value, "", keys, keys)
+    approach = expect_object(given["approach"], "approach", Approach._fields, Approach._fields)
+    if approach["side"] not in ("left", "right") or approach["turn"] not in TURNS:
+        raise InputError("must say side left or right and turn early or late", field="approach")
+    for name, (low, high) in (("detour", DETOUR), ("pace", PACE)):
+        number = approach[name]
+        if not isinstance(number, float) or not low <= number <= high:
+            raise InputError(f"must lie in [{low}, {high}]", field=f"approach.{name}")
+    twists = parse_twists(given["twists"], "twists")
+    for name, high in (("bridged", len(twists)), ("seed", 2**31 - 1), ("number", 2**31 - 1)):
+        number = given[name]
+        if not isinstance(number, int) or isinstance(number, bool) or not 0 <= number <= high:
+            raise InputError(f"must be an integer in [0, {high}]", field=name)
+    return Demonstration(
+        parse_condition(given["condition"], "condition"),
+        Approach(**approach),
+        twists,
+        given["bridged"],
+        given["seed"],
+        given["number"],
+    )
+
+
+def read_demonstrations(path: Path) -> list[Demonstration]:
+    """All demonstrations of a file, or `InputError` for the first that is wrong."""
+    return read_lines(path, parse_demonstration, "bridge demonstration")
+
+
+def write_data(
+    folder: Path, recipe: Recipe, on_progress: Callable[[int, int], None] = lambda done, total: None
+) -> None:
+    """Writes `training.jsonl` and `validation.jsonl`, or completes what a killed call left there."""
+    folder.mkdir(parents=True, exist_ok=True)
+    parts = (
+        ("training", recipe.training, 2 * recipe.seed),
+        ("validation", recipe.validation, 2 * recipe.seed + 1),
+    )
+    total = len(recipe.sizes) * (recipe.training + recipe.validation)
+    settings = {**recipe._asdict(), "sizes": list(recipe.sizes)}
+    done = 0
+    for name, count, seed in parts:
+        wanted = [(size, number) for size in recipe.sizes for number in range(count)]
+        with ResumableOutput(folder / f"{name}.jsonl", settings) as output:
+            done += len(output.finished)
+            on_progress(done, total)
+            for start in range(len(output.finished), len(wanted), CHUNK):
+                chunk = wanted[start : start + CHUNK]
+                made = [random_demonstration(size, seed, number) for size, number in chunk]
+                output.append([to_json(demonstration) for demonstration in made])
+                done += len(made)
+                on_progress(done, total)
+
+
+def _shake(count: int, seed: int) -> Float[np.ndarray, "windows horizon 3"]:
+    """Smooth disturbances of continuations: the expert's plan stays, what it is told of the past is off.
+
+    In closed loop the continuation is the field's own previous plan, errors included. Where the field only
+    saw flawless continuations it would copy them, errors included.
+    """
+    rng = np.random.default_rng([seed, 2])
+    basis = spline_matrix()
+    size = rng.uniform(0.0, 1.0, (count, 1, 1)) * np.array(SHAKE)
+    noise = rng.standard_normal((count, basis.shape[1], 3)) * size
+    return (rng.random((count, 1, 1)) < SHAKEN) * (basis @ noise)
+
+
+def _windows(
+    demonstrations: Sequence[Demonstration], agents: int, shake_seed: int | None
+) -> Example:
+    start = to_arrays([d.condition for d in demonstrations], agents)
+    now, before, current, plank, owner = [], [], [], [], []
+    for k, d in enumerate(demonstrations):
+        target, previous = windows(d, EXECUTED)
+        begins = np.arange(len(target)) * EXECUTED
+        now.append(target)
+        before.append(previous)
+        current.append(np.concatenate([np.zeros((1, 3)), d.twists])[begins])
+        plank.append(integrate(np.array(d.condition.plank), d.twists)[begins])
+        owner.append(np.full(len(target), k))
+    index = np.concatenate(owner)
+    motion, previous = np.concatenate(current), np.concatenate(before)
+    first = (previous == 0).all((1, 2))
+    if shake_seed is not None:
+        previous = previous + np.where(first[:, None, None], 0.0, _shake(len(previous), shake_seed))
+    ahead = continuation(jnp.asarray(previous, jnp.float32), jnp.asarray(motion, jnp.float32))
+    condition = BridgeCondition(
+        jnp.asarray(np.concatenate(plank), jnp.float32),
+        jnp.asarray(motion, jnp.float32),
+        start.goal[index],
+        start.contacts[index],
+        start.mask[index],
+        ahead,
+    )
+    return Example(condition, jnp.asarray(np.concatenate(now), jnp.float32))
+
+
+def _over_robots(
+    twists: Float[Array, "windows horizon 3"], condition: BridgeCondition
+) -> Float[np.ndarray, "robots horizon 2"]:
+    velocity = contact_velocity(twists[:, None], condition.contacts[:, :, None])
+    return np.asarray(velocity)[np.asarray(condition.mask)]
+
+
+def training_scales(examples: Example) -> Scales:
+    """Statistics of the training set."""
+
+    def listed(values: np.ndarray) -> tuple[float, ...]:
+        return tuple(float(v) for v in np.asarray(values, np.float64).reshape(-1))
+
+    eta = np.asarray(spline_coefficients(examples.twists - examples.condition.continuation))
+    ahead = _over_robots(examples.condition.continuation, examples.condition)
+    done = _over_robots(examples.twists, examples.condition)
+    return Scales(
+        eta=listed(np.maximum(eta.std(0), _FEW)),
+        continuation_mean=listed(ahead.mean(0)),
+        continuation_std=listed(np.maximum(ahead.std(0), _FEW)),
+        contact=listed(done.std((0, 1))),
+        twist=listed(np.asarray(examples.twists).std((0, 1))),
+    )
+
+
+def load_dataset(path: Path, scales: Scales | None, *, shake: bool) -> tuple[Dataset, Scales]:
+    """Windows of a file's demonstrations as encoded training data, and the scales they are encoded with.
+
+    Args:
+        path: File of demonstrations.
+        scales: Of the training set; taken from this file if None.
+        shake: Disturb the continuations.
+
+    Raises:
+        InputError: The file is not as it should be.
+    """
+    demonstrations = read_demonstrations(path)
+    agents = padded_robots(max(len(d.condition.contacts) for d in demonstrations))
+    examples = _windows(demonstrations, agents, demonstrations[0].seed if shake else None)
+    scales = training_scales(examples) if scales is None else scales
+    eta = spline_coefficients(examples.twists - examples.condition.continuation)
+    z = eta.reshape(len(eta), -1) / jnp.array(scales.eta)[None]
+    states = jnp.broadcast_to(z[:, None], (len(z), agents, z.shape[1]))
+    return Dataset(states, examples, examples.condition.mask), scales

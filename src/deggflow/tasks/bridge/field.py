@@ -1,0 +1,123 @@
+"""The bridge's nominal vector field: the paper's network, with what doesn't change along tau computed once."""
+
+from collections.abc import Callable
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from deggflow.field import TIME_FEATURES, time_features
+from deggflow.weights import load_card, load_weights
+
+from .condition import CONTACT_SIZE, OTHER_SIZE, OWN_SIZE, BridgeCondition, Scales, observe
+from .world import AGENT_DIM, MAX_ROBOTS
+
+MESSAGE_WIDTH = 160
+HEAD_WIDTH = 256
+
+Velocity = Callable[[Float[Array, ""], Float[Array, "agents dim"], Any], Float[Array, "agents dim"]]
+
+
+class BridgeField(eqx.Module):
+    """f_theta of Task 1: messages psi_msg (77-160-160), averaged; psi_ag (258-256-256-256-24); SiLU.
+
+    Source: paper, App. on Task 1 (network structure).
+    """
+
+    scales: Scales = eqx.field(static=True)
+    message: eqx.nn.Linear
+    message_out: eqx.nn.Linear
+    entry: eqx.nn.Linear
+    inner: tuple[eqx.nn.Linear, ...]
+    exit: eqx.nn.Linear
+
+    def __init__(self, scales: Scales, *, key: PRNGKeyArray) -> None:
+        """Args: scales: statistics of the training set."""
+        keys = jax.random.split(key, 6)
+        heard = AGENT_DIM + CONTACT_SIZE + OTHER_SIZE
+        read = AGENT_DIM + CONTACT_SIZE + OWN_SIZE + MESSAGE_WIDTH + 1 + TIME_FEATURES
+        self.scales = scales
+        self.message = eqx.nn.Linear(heard, MESSAGE_WIDTH, key=keys[0])
+        self.message_out = eqx.nn.Linear(MESSAGE_WIDTH, MESSAGE_WIDTH, key=keys[1])
+        self.entry = eqx.nn.Linear(read, HEAD_WIDTH, key=keys[2])
+        self.inner = tuple(eqx.nn.Linear(HEAD_WIDTH, HEAD_WIDTH, key=k) for k in keys[3:5])
+        self.exit = eqx.nn.Linear(HEAD_WIDTH, AGENT_DIM, key=keys[5])
+
+    def __call__(
+        self, tau: Float[Array, ""], z: Float[Array, "agents dim"], condition: BridgeCondition
+    ) -> Float[Array, "agents dim"]:
+        """dz/dtau of every robot."""
+        return self.under(condition)(tau, z, condition)
+
+    def under(self, condition: BridgeCondition) -> Velocity:
+        """The field under one condition, a callable of the same form that ignores its own condition.
+
+        Linear layers are split at their inputs: what neither tau nor z enters is computed here, once. The
+        messages' second layer is linear, so it is applied to their mean, and merged with the layer after it.
+        """
+        seen = observe(condition, self.scales)
+        at = AGENT_DIM, AGENT_DIM + CONTACT_SIZE
+        of_state, of_contact, of_pair = jnp.split(self.message.weight, at, axis=1)
+        pairs = (
+            (seen.contact @ of_contact.T)[None] + seen.other @ of_pair.T + _bias(self.message)[None]
+        )
+        agents = condition.mask.shape[0]
+        linked = condition.mask[None, :] & ~jnp.eye(agents, dtype=bool)
+        others = jnp.sum(condition.mask) - 1
+        weight = linked[..., None] / jnp.maximum(others, 1)
+        parts = [AGENT_DIM, CONTACT_SIZE, OWN_SIZE, MESSAGE_WIDTH, 1]
+        ends = [sum(parts[: k + 1]) for k in range(len(parts))]
+        entry_z, entry_c, entry_own, entry_m, entry_n, entry_time = jnp.split(
+            self.entry.weight, ends, axis=1
+        )
+        heard = entry_m @ self.message_out.weight
+        fixed = (
+            seen.contact @ entry_c.T
+            + seen.own @ entry_own.T
+            + ((others / (MAX_ROBOTS - 1)) * entry_n[:, 0])[None]
+            + (others > 0) * (_bias(self.message_out) @ entry_m.T)
+            + _bias(self.entry)
+        )
+
+        def velocity(
+            tau: Float[Array, ""], z: Float[Array, "agents dim"], _: Any
+        ) -> Float[Array, "agents dim"]:
+            said = jax.nn.silu(pairs + (z @ of_state.T)[None])
+            mean = jnp.sum(said * weight, axis=1)
+            hidden = (
+                fixed + z @ entry_z.T + mean @ heard.T + (entry_time @ time_features(tau))[None]
+            )
+            for layer in self.inner:
+                hidden = jax.nn.silu(hidden) @ layer.weight.T + _bias(layer)
+            return jax.nn.silu(hidden) @ self.exit.weight.T + _bias(self.exit)
+
+        return velocity
+
+
+def _bias(layer: eqx.nn.Linear) -> Float[Array, "1 width"]:
+    assert layer.bias is not None
+    return layer.bias[None]
+
+
+def shipped_weights() -> Path:
+    """The trained weights inside the package."""
+    return Path(str(files("deggflow.tasks.bridge"))) / "weights" / "field.safetensors"
+
+
+def load_field(path: Path | None = None) -> BridgeField:
+    """A trained field from a safetensors file and its card; the shipped one if no path is given.
+
+    Raises:
+        ValueError: The card or the weights are not those of a bridge field.
+    """
+    path = shipped_weights() if path is None else path
+    given = load_card(path).get("scales")
+    if not isinstance(given, dict) or set(given) != set(Scales._fields):
+        raise ValueError(f"{path.with_suffix('.json')}: `scales` must give {Scales._fields}.")
+    scales = Scales(**{name: tuple(float(v) for v in given[name]) for name in Scales._fields})
+    skeleton = eqx.filter_eval_shape(lambda key: BridgeField(scales, key=key), jax.random.key(0))
+    return load_weights(path, skeleton)

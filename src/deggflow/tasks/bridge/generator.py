@@ -1,0 +1,210 @@
+"""Receding horizon: a policy is generated, its first actions are executed, and again (paper, Task 1).
+
+A guided policy is executed only if both factors are below their bounds at its end and exact geometry finds
+nothing broken on the way; else it is drawn again, and where no draw serves, the team stops where it stands.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from deggflow.guidance import AbstractGuidance, NoGuidance
+
+from .codec import continuation
+from .condition import BridgeCondition, TrialCondition, padded_robots, take
+from .field import BridgeField
+from .policies import POWER, STEPS, Policies, PolicyGenerator, initial_noise
+from .trial import PolicyRecord, Trial, TrialCertificate
+from .verdict import Verdict, bridges, execute, margins
+from .world import EXECUTED, HORIZON
+
+MAX_DRAWS = 8
+MAX_POLICIES = 60  # of a trial: 48 s
+STARTS_BROKEN = "at the start "
+
+
+class _Running:
+    """A trial under way: where the plank is, what was executed, what is left of the previous policy."""
+
+    def __init__(self, condition: TrialCondition, number: int) -> None:
+        self.condition, self.number = condition, number
+        self.pose = np.array(condition.plank, np.float64)
+        self.twists = np.zeros((0, 3))
+        self.previous = np.zeros((HORIZON, 3))
+        self.records: list[PolicyRecord] = []
+        self.bridged = bool(bridges(self.pose))
+        self.failure: str | None = None
+        start = margins(self.pose[None], condition.contacts)
+        if start.least()[0] < 0:
+            self.bridged, self.failure = False, STARTS_BROKEN + start.reason(0)
+
+    @property
+    def over(self) -> bool:
+        return self.bridged or self.failure is not None
+
+    @property
+    def motion(self) -> Float[np.ndarray, " 3"]:
+        return self.twists[-1] if len(self.twists) else np.zeros(3)
+
+    def carry_out(
+        self, plan: Float[np.ndarray, "horizon 3"], verdict: Verdict, record: PolicyRecord
+    ) -> None:
+        self.records.append(record)
+        self.twists = np.concatenate([self.twists, plan[: verdict.actions]])
+        self.previous, self.pose = plan, verdict.poses[-1]
+        self.bridged, self.failure = verdict.bridged, verdict.reason
+
+    def stop(self, record: PolicyRecord, reason: str) -> None:
+        self.records.append(record)
+        self.failure = reason
+
+    def finish(self, seed: int) -> Trial:
+        verdict = execute(np.array(self.condition.plank), self.twists, self.condition.contacts)
+        failure = self.failure
+        if failure is None and not self.bridged:
+            failure = f"not bridged after {MAX_POLICIES} policies"
+        done = [record for record in self.records if record.accepted]
+        broken = sum(not record.met for record in done)
+        reason = failure
+        if reason is None and broken:
+            reason = f"{broken} of {len(done)} executed policies missed a bound"
+        certificate = TrialCertificate(
+            satisfied=reason is None,
+            min_margin=verdict.margin,
+            violation=max((record.excess for record in done), default=0.0),
+            draws=max((record.draws for record in self.records), default=1),
+            reason=reason,
+            policies=tuple(self.records),
+        )
+        success = self.bridged and self.failure is None
+        return Trial(
+            self.condition, self.twists, verdict.poses, success, failure, certificate, seed
+        )
+
+
+def _stack(runs: Sequence[_Running], agents: int) -> BridgeCondition:
+    """What the next policies are conditioned on; numpy arrays in float64."""
+    contacts, mask = np.zeros((len(runs), agents, 2)), np.zeros((len(runs), agents), bool)
+    for k, run in enumerate(runs):
+        contacts[k, : len(run.condition.contacts)] = run.condition.contacts
+        mask[k, : len(run.condition.contacts)] = True
+    motion = np.array([run.motion for run in runs])
+    before = np.array([run.previous for run in runs])
+    ahead = continuation(jnp.asarray(before, jnp.float32), jnp.asarray(motion, jnp.float32))
+    leaves: Any = (
+        np.array([run.pose for run in runs]),
+        motion,
+        np.array([run.condition.goal for run in runs]),
+        contacts,
+        mask,
+        np.asarray(ahead, np.float64),
+    )
+    return BridgeCondition(*leaves)  # not yet on a device, where float64 would be cut
+
+
+class BridgeGenerator:
+    """Runs trials in receding horizon, all trials of a batch at once."""
+
+    def __init__(
+        self,
+        field: BridgeField,
+        guidance: AbstractGuidance | None = None,
+        *,
+        steps: int = STEPS,
+        power: float = POWER,
+    ) -> None:
+        """Args: field: nominal field; guidance: `NoGuidance()` if None; steps, power: of `refined_grid`."""
+        self.policies = PolicyGenerator(field, guidance, steps=steps, power=power)
+        self.guided = not isinstance(self.policies.guidance, NoGuidance)
+
+    def trials(
+        self,
+        conditions: Sequence[TrialCondition],
+        *,
+        seed: int = 0,
+        first: int = 0,
+        max_draws: int = MAX_DRAWS,
+        on_policy: Callable[[int, int], None] = lambda policy, running: None,
+    ) -> list[Trial]:
+        """Trials with certificates.
+
+        Args:
+            conditions: Where plank, goal and contact points are.
+            seed: With a trial's, a policy's and a draw's number, decides z(0).
+            first: Number of the first condition in the run.
+            max_draws: Limit for each policy; without guidance every policy is executed as it is drawn.
+            on_policy: Told the number of the policy and how many trials are under way.
+        """
+        runs = [_Running(condition, first + k) for k, condition in enumerate(conditions)]
+        agents = padded_robots(max(len(c.contacts) for c in conditions))
+        for policy in range(MAX_POLICIES):
+            under_way = [run for run in runs if not run.over]
+            if not under_way:
+                break
+            on_policy(policy, len(under_way))
+            self._advance(under_way, agents, seed, policy, max_draws)
+        return [run.finish(seed) for run in runs]
+
+    def _advance(
+        self, runs: list[_Running], agents: int, seed: int, policy: int, max_draws: int
+    ) -> None:
+        condition = _stack(runs, agents)
+        pending = list(range(len(runs)))
+        refused: dict[int, tuple[PolicyRecord, str]] = {}
+        for number in range(max_draws if self.guided else 1):
+            numbers = np.array([runs[k].number for k in pending])
+            drawn = self.policies.batch(
+                initial_noise(seed, numbers, policy, number), take(condition, np.array(pending))
+            )
+            left = []
+            for row, k in enumerate(pending):
+                refusal = self._try(runs[k], drawn, row, number + 1, policy)
+                if refusal is not None:
+                    left.append(k)
+                    if k not in refused or refusal[0].excess < refused[k][0].excess:
+                        refused[k] = refusal
+            pending = left
+            if not left:
+                return
+        for k in pending:
+            record, reason = refused[k]
+            runs[k].stop(replace(record, draws=max_draws), reason)
+
+    def _try(
+        self, run: _Running, drawn: Policies, row: int, draws: int, policy: int
+    ) -> tuple[PolicyRecord, str] | None:
+        """Executes a policy, or returns why it is refused."""
+        plan = drawn.twists[row]
+        record = PolicyRecord(
+            float(drawn.q_task[row]), float(drawn.bound[row]), float(drawn.q_safe[row]), draws, True
+        )
+        if not np.isfinite(plan).all():
+            record = PolicyRecord(float("inf"), record.bound, float("inf"), draws, False)
+            return record, f"policy {policy + 1}: the generation diverged"
+        verdict = execute(run.pose, plan[:EXECUTED], run.condition.contacts)
+        if self.guided and (not record.met or verdict.reason is not None):
+            return replace(record, accepted=False), _refusal(run, drawn, row, verdict, policy)
+        run.carry_out(plan, verdict, record)
+        return None
+
+
+def _refusal(run: _Running, drawn: Policies, row: int, verdict: Verdict, policy: int) -> str:
+    """Which factor is missed, which robots could not meet their rows, and what stands in the way."""
+    missed = []
+    if drawn.q_task[row] > drawn.bound[row]:
+        missed.append(f"q_task misses its bound by {drawn.q_task[row] - drawn.bound[row]:.3g}")
+    if drawn.q_safe[row] > 0:
+        missed.append(f"q_safe by {drawn.q_safe[row]:.3g}")
+    if verdict.reason is not None:
+        missed.append(f"on the way {verdict.reason}")
+    stuck = drawn.stuck[row][: len(run.condition.contacts)]
+    robots = ", ".join(str(k + 1) for k in np.flatnonzero(stuck))
+    text = f"blocked at policy {policy + 1}: {' and '.join(missed)}"
+    if robots:
+        text += f"; no input of robot {robots} met its rows"
+    place = margins(verdict.poses[-1:], run.condition.contacts)
+    return f"{text}; closest there: {place.nearest(0)}"

@@ -1,0 +1,193 @@
+"""Ways for many robots at once: prioritised planning in space and time (cooperative A*).
+
+One robot after the other gets its best way through what the earlier ones leave free, by dynamic
+programming over ticks: all points of the roadmap at once, so there is nothing to guess. Where a robot
+finds none, it goes first and all begins anew (Erdmann and Lozano-Perez 1987; Silver 2005; the regard for
+robots that still stand at their starts: Cap et al. 2015).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
+
+from .ground import EXACT, nearest_approach
+from .roadmap import STRIDE, Roadmap
+from .world import ROBOT_RADIUS
+
+CLEARANCE = 2 * ROBOT_RADIUS + 0.02  # m, kept between the centres of two robots
+HORIZON = 500  # ticks in which everybody must arrive
+ATTEMPTS = 24  # orders tried
+HASTE = STRIDE / 2  # m of detour that are worth a tick
+
+
+class NoWayError(ValueError):
+    """A robot finds no way; the message names it, counting from 1."""
+
+
+class Way(NamedTuple):
+    """Where a robot is at some ticks, straight and at constant speed between them; then it stays."""
+
+    ticks: Int[np.ndarray, " knots"]  # the first is 0
+    points: Float[np.ndarray, "knots 2"]
+
+    def at_ticks(self, count: int) -> Float[np.ndarray, "count 2"]:
+        """Positions at ticks 0 .. count - 1."""
+        ticks = np.arange(count)
+        return np.stack([np.interp(ticks, self.ticks, p) for p in self.points.T], -1)
+
+
+def _forbidden(
+    roadmap: Roadmap, way: Float[np.ndarray, "ticks 2"], clearance: float
+) -> tuple[Int[np.ndarray, " found"], Int[np.ndarray, " found"]]:
+    """Moves that come nearer than `clearance` to a robot on its way: ticks of departure, and moves."""
+    start = roadmap.points[roadmap.tail]
+    step = (roadmap.points[roadmap.head] - start) / roadmap.ticks[:, None]
+    reach = clearance + roadmap.length / 2 + roadmap.ticks * STRIDE
+    near = cKDTree(way).sparse_distance_matrix(roadmap.middles, reach.max(), output_type="ndarray")
+    near = near[near["v"] < reach[near["j"]]]
+    tick, move = near["i"], near["j"]
+    hit = np.zeros(len(tick), bool)
+    for k in range(int(roadmap.ticks.max())):
+        on = np.nonzero(~hit & (roadmap.ticks[move] > k))[0]
+        here = start[move[on]] + k * step[move[on]]
+        a = here - way[np.minimum(tick[on] + k, len(way) - 1)]
+        b = here + step[move[on]] - way[np.minimum(tick[on] + k + 1, len(way) - 1)]
+        hit[on] = nearest_approach(a, b) < clearance
+    return tick[hit], move[hit]
+
+
+def _reserve(
+    roadmap: Roadmap,
+    taken: Bool[np.ndarray, "ticks moves"],
+    way: Float[np.ndarray, "moments 2"],
+    clearance: float,
+) -> None:
+    """Take out what meets a robot that drives its way and stays at the end of it."""
+    tick, move = _forbidden(roadmap, way, clearance)
+    end = tick + roadmap.ticks[move]
+    inside = end < len(taken)
+    taken[end[inside], move[inside]] = True
+    parked = move[tick == len(way) - 1]
+    since = len(way) - 1 + roadmap.ticks[parked]
+    taken[:, parked] |= np.arange(len(taken))[:, None] >= since[None]
+
+
+def best_way(
+    roadmap: Roadmap, taken: Bool[np.ndarray, "ticks moves"], ends: tuple[int, int]
+) -> Way | None:
+    """The way of least length plus `HASTE` times duration after which the robot can stay for good.
+
+    Args:
+        roadmap: Where robots drive.
+        taken: Moves that are not free, by the tick at which they end.
+        ends: Points at which the way begins and ends.
+    """
+    start, goal = ends
+    passing = np.nonzero(taken[:, roadmap.wait[goal]])[0]
+    settled = passing.max(initial=0)  # nobody comes by the goal later
+    if settled == len(taken) - 1:
+        return None
+    pad = int(roadmap.ticks.max())  # rows before tick 0, so that nothing departs there
+    length = np.full((pad + len(taken), len(roadmap.points)), np.inf)
+    length[pad, start] = 0.0
+    crow = float(np.linalg.norm(roadmap.points[goal] - roadmap.points[start]))
+    best, arrival = np.inf, 0
+    for tick in range(1, len(taken)):
+        through = length[pad + tick - roadmap.ticks, roadmap.tail] + roadmap.length
+        through[taken[tick]] = np.inf
+        length[pad + tick] = np.minimum.reduceat(through, roadmap.first)
+        value = length[pad + tick, goal] + HASTE * tick
+        if tick >= settled and value < best:
+            best, arrival = value, tick
+        if crow + HASTE * tick >= best:
+            break
+    return _trace(roadmap, taken, length[pad:], (goal, arrival)) if arrival else None
+
+
+def _trace(
+    roadmap: Roadmap,
+    taken: Bool[np.ndarray, "ticks moves"],
+    length: Float[np.ndarray, "ticks points"],
+    end: tuple[int, int],
+) -> Way:
+    """Back from the end along the moves that gave every point its length."""
+    point, tick = end
+    ticks, points = [tick], [point]
+    while tick > 0:
+        into = np.arange(roadmap.first[point], roadmap.wait[point] + 1)
+        into = into[(roadmap.ticks[into] <= tick) & ~taken[tick, into]]
+        through = length[tick - roadmap.ticks[into], roadmap.tail[into]] + roadmap.length[into]
+        move = into[np.argmin(through)]
+        tick, point = tick - int(roadmap.ticks[move]), int(roadmap.tail[move])
+        ticks.append(tick)
+        points.append(point)
+    return Way(np.array(ticks[::-1]), roadmap.points[points[::-1]])
+
+
+def _in_order(
+    roadmap: Roadmap, ends: list[tuple[int, int]], order: list[int], hold: int, clearance: float
+) -> tuple[dict[int, Way], int]:
+    """Ways of the robots in this order, and the robot that finds none (-1: all found one).
+
+    Robots keep off the starts of those that come later in the order before tick `hold`.
+    """
+    reserved = np.zeros((HORIZON + 1, len(roadmap.tail)), bool)
+    standing = {i: _forbidden(roadmap, roadmap.points[[ends[i][0]]], clearance)[1] for i in order}
+    ways: dict[int, Way] = {}
+    for place, robot in enumerate(order):
+        taken = reserved.copy()
+        for later in order[place + 1 :]:
+            taken[:hold, standing[later]] = True
+        way = best_way(roadmap, taken, ends[robot])
+        if way is None:
+            return ways, robot
+        ways[robot] = way
+        _reserve(roadmap, reserved, way.at_ticks(int(way.ticks[-1]) + 1), clearance)
+    return ways, -1
+
+
+def plan(roadmap: Roadmap, ends: list[tuple[int, int]], seed: int) -> tuple[list[Way], float]:
+    """Ways on which no two robots come nearer than `CLEARANCE`, or the distance that they keep instead.
+
+    Args:
+        roadmap: Where robots drive.
+        ends: Points at which each robot begins and ends.
+        seed: Of the orders that are tried when the first ones fail.
+
+    Raises:
+        NoWayError: A robot cannot get to its goal, or no order tried lets all of them.
+    """
+    clearance = _clearance(roadmap.points[np.array(ends).T])
+    graph = csr_array((roadmap.length + 1e-12, (roadmap.tail, roadmap.head)))
+    travel = dijkstra(graph, indices=[start for start, _ in ends])
+    travel = np.array([row[goal] for row, (_, goal) in zip(travel, ends, strict=True)])
+    if not np.isfinite(travel).all():
+        robot = int(np.argmin(np.isfinite(travel)))
+        raise NoWayError(f"robot {robot + 1} has no way to its goal, even alone")
+    rng = np.random.default_rng(seed)
+    order, tried = [int(i) for i in np.argsort(travel)], set()
+    for attempt in range(ATTEMPTS):
+        tried.add(tuple(order))
+        hold = HORIZON + 1 if attempt % 2 == 0 else int(rng.integers(10, 80))
+        ways, failed = _in_order(roadmap, ends, order, hold, clearance)
+        if failed < 0:
+            return [ways[i] for i in range(len(ends))], clearance
+        order = [failed, *(i for i in order if i != failed)]
+        if tuple(order) in tried:
+            order = [int(i) for i in rng.permutation(len(ends))]
+    raise NoWayError(f"robot {failed + 1} finds no way past the others in {ATTEMPTS} orders")
+
+
+def _clearance(points: Float[np.ndarray, "ends robots 2"]) -> float:
+    """`CLEARANCE`, or less where robots begin or end closer together."""
+    apart = np.linalg.norm(points[:, :, None] - points[:, None], axis=-1)
+    apart[:, *np.diag_indices(points.shape[1])] = np.inf
+    least = float(apart.min())
+    if least < 2 * ROBOT_RADIUS - EXACT:
+        robot, other = sorted(int(i) for i in np.argwhere(apart == least)[0, 1:])
+        raise NoWayError(f"robot {robot + 1} would overlap robot {other + 1} at its start or goal")
+    return min(CLEARANCE, least - EXACT)

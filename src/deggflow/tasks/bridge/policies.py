@@ -1,0 +1,161 @@
+"""One policy for each trial of a batch, in one compiled program; its end checked in float64."""
+
+from functools import partial
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from deggflow.generation import Trace, generate, refined_grid
+from deggflow.guidance import AbstractGuidance, NoGuidance
+from deggflow.redraw import BATCHES, padded_batch
+
+from .codec import decode_twists
+from .condition import BridgeCondition, Scales, take
+from .field import BridgeField
+from .requirements import final_values
+from .world import AGENT_DIM, MAX_ROBOTS
+
+STEPS, POWER = 50, 1.0  # of the grid that policies are generated on
+
+
+class Policies(NamedTuple):
+    """Generated policies of a batch of trials."""
+
+    twists: Float[np.ndarray, "trials horizon 3"]  # body twists, float64
+    q_task: Float[np.ndarray, " trials"]
+    bound: Float[np.ndarray, " trials"]  # beta_task(1)
+    q_safe: Float[np.ndarray, " trials"]
+    stuck: Int[np.ndarray, "trials agents"]  # steps at which no input of this robot met its rows
+    effort: Float[np.ndarray, "trials agents"]  # largest |u_i|
+
+
+class _Drawn(NamedTuple):
+    z: Float[Array, "agents dim"]
+    stuck: Int[Array, " agents"]
+    effort: Float[Array, " agents"]
+
+
+@eqx.filter_jit
+def _draw(
+    field: BridgeField,
+    guidance: AbstractGuidance,
+    noise: Float[Array, "trials agents dim"],
+    condition: BridgeCondition,
+    grid: Float[Array, " points"],
+) -> _Drawn:
+    def one(z0: Float[Array, "agents dim"], trial: BridgeCondition) -> _Drawn:
+        out = generate(field.under(trial), guidance, z0, trial, grid=grid)
+        bad = out.trace.infeasible | ~jnp.all(out.trace.able, axis=1)
+        stuck = jnp.sum(bad & trial.mask[None], axis=0)
+        return _Drawn(out.z, stuck, jnp.max(out.trace.effort, axis=0))
+
+    return jax.vmap(one)(noise, condition)
+
+
+@eqx.filter_jit
+def _trace(
+    field: BridgeField,
+    guidance: AbstractGuidance,
+    z0: Float[Array, "agents dim"],
+    condition: BridgeCondition,
+    grid: Float[Array, " points"],
+) -> Trace:
+    return generate(field.under(condition), guidance, z0, condition, grid=grid).trace
+
+
+@partial(jax.jit, static_argnums=2)
+def _end(
+    z: Float[Array, "trials agents dim"], condition: BridgeCondition, scales: Scales
+) -> tuple[Float[Array, "trials horizon 3"], Float[Array, "trials 3"]]:
+    def one(
+        z: Float[Array, "agents dim"], trial: BridgeCondition
+    ) -> tuple[Float[Array, "horizon 3"], Float[Array, " 3"]]:
+        return decode_twists(z, trial, scales), final_values(z, trial, scales)
+
+    return jax.vmap(one)(z, condition)
+
+
+@jax.jit
+def _noise(
+    seed: Int[Array, ""],
+    numbers: Int[Array, " trials"],
+    policy: Int[Array, ""],
+    draws: Int[Array, ""],
+) -> Float[Array, "trials agents dim"]:
+    root = jax.random.key(seed)
+
+    def one(number: Int[Array, ""]) -> Float[Array, "agents dim"]:
+        key = jax.random.fold_in(jax.random.fold_in(root, number), policy)
+        return jax.random.normal(jax.random.fold_in(key, draws), (MAX_ROBOTS, AGENT_DIM))
+
+    return jax.vmap(one)(numbers)
+
+
+def initial_noise(
+    seed: int, numbers: Int[np.ndarray, " trials"], policy: int, draw_number: int
+) -> Float[np.ndarray, "trials agents dim"]:
+    """z(0) by a trial's number in the run and the policy's number in the trial: N(0, I), whatever the guidance."""
+    size = padded_batch(len(numbers))
+    padded = np.resize(numbers, -(-len(numbers) // size) * size)
+    return np.asarray(_noise(seed, padded, policy, draw_number))[: len(numbers)]
+
+
+class PolicyGenerator:
+    """Generates policies with one field and one guidance; compiled programs are kept between calls."""
+
+    def __init__(
+        self,
+        field: BridgeField,
+        guidance: AbstractGuidance | None = None,
+        *,
+        steps: int = STEPS,
+        power: float = POWER,
+    ) -> None:
+        """Args: field: nominal field; guidance: `NoGuidance()` if None; steps, power: of `refined_grid`."""
+        self.field, self.grid = field, refined_grid(steps, power)
+        self.guidance = NoGuidance() if guidance is None else guidance
+
+    def batch(
+        self, noise: Float[np.ndarray, "trials agents dim"], condition: BridgeCondition
+    ) -> Policies:
+        """One policy for each trial, from given z(0).
+
+        Args:
+            noise: z(0), for at least as many robots as the condition has.
+            condition: Of all trials; numpy arrays in float64, rounded for the generation.
+        """
+        agents, count = condition.mask.shape[1], len(noise)
+        size = padded_batch(count)
+        parts = []
+        for start in range(0, count, BATCHES[-1]):
+            index = np.resize(np.arange(start, min(start + BATCHES[-1], count)), size)
+            parts.append(self._padded(noise[index, :agents], take(condition, index)))
+        return Policies(*(np.concatenate(leaves)[:count] for leaves in zip(*parts, strict=True)))
+
+    def _padded(
+        self, noise: Float[np.ndarray, "trials agents dim"], condition: BridgeCondition
+    ) -> Policies:
+        single = jax.tree.map(_single, condition)
+        drawn = _draw(self.field, self.guidance, jnp.asarray(noise), single, self.grid)
+        with jax.enable_x64(True):
+            z = jnp.asarray(np.asarray(drawn.z), jnp.float64)
+            exact = jax.tree.map(jnp.asarray, condition)
+            twists, values = (np.asarray(leaf) for leaf in _end(z, exact, self.field.scales))
+        return Policies(
+            twists, values[:, 0], values[:, 1], values[:, 2],
+            np.asarray(drawn.stuck), np.asarray(drawn.effort),
+        )  # fmt: skip
+
+    def trace(self, z0: Float[np.ndarray, "agents dim"], condition: BridgeCondition) -> Trace:
+        """The generation of one trial's policy step by step."""
+        agents = condition.mask.shape[0]
+        single = jax.tree.map(_single, condition)
+        return _trace(self.field, self.guidance, jnp.asarray(z0[:agents]), single, self.grid)
+
+
+def _single(leaf: np.ndarray) -> Array:
+    return jnp.asarray(leaf if leaf.dtype == bool else leaf.astype(np.float32))

@@ -1,0 +1,72 @@
+"""A finished trial: what was executed, what came of it, and what is certified."""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from .condition import TrialCondition
+from .world import DT
+
+
+@dataclass(frozen=True)
+class PolicyRecord:
+    """One generated policy at its end, in float64; shown as it was accepted, or as it was refused."""
+
+    q_task: float
+    bound: float  # beta_task(1): q_task before, less the progress asked for
+    q_safe: float  # its bound is 0
+    draws: int  # initial samples tried
+    accepted: bool
+
+    @property
+    def excess(self) -> float:
+        """By how much a factor ends above its bound; 0 if none does."""
+        return max(self.q_task - self.bound, self.q_safe, 0.0)
+
+    @property
+    def met(self) -> bool:
+        """Whether both factors are below their bounds."""
+        return self.q_task <= self.bound and self.q_safe <= 0.0
+
+
+@dataclass(frozen=True)
+class TrialCertificate:
+    """The verdict on a trial, made in float64 by exact geometry, and its policies one by one."""
+
+    satisfied: bool  # the gap was bridged, nothing failed, and every executed policy met its bounds
+    min_margin: float  # m, least distance to a failure over everything executed
+    violation: float  # largest excess of a factor over its bound at the end of an executed policy
+    draws: int  # most initial samples tried for one policy
+    reason: str | None  # which factor and which robots, if not satisfied
+    policies: tuple[PolicyRecord, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """As it stands in a file."""
+        return {**asdict(self), "policies": [asdict(policy) for policy in self.policies]}
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A trial from its initial pose to the first pose that bridges, fails, or where the team stopped."""
+
+    condition: TrialCondition
+    twists: Float[np.ndarray, "actions 3"]  # m/s, m/s, rad/s, plank frame
+    poses: Float[np.ndarray, "poses 3"]  # m, m, rad; one more than actions
+    success: bool
+    reason: str | None
+    certificate: TrialCertificate
+    seed: int
+
+    def to_json(self) -> dict[str, Any]:
+        """As it stands in a file."""
+        return {
+            "condition": self.condition.to_json(),
+            "dt": DT,
+            "twists": self.twists.tolist(),
+            "poses": self.poses.tolist(),
+            "outcome": {"success": self.success, "reason": self.reason},
+            "certificate": self.certificate.to_json(),
+            "seed": self.seed,
+        }

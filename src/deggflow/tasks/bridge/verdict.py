@@ -1,0 +1,183 @@
+"""Exact geometry of a trial in float64: what was executed, whether it bridges, what failed first.
+
+No buffers and nothing smoothed; nothing here is shared with the factors that guide the generation.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from .world import (
+    CENTRE_SIDE,
+    CORRIDOR,
+    DT,
+    END_CLEARANCE,
+    GAP_LEFT,
+    GAP_RIGHT,
+    PLANK_LENGTH,
+    PLANK_WIDTH,
+    ROBOT_RADIUS,
+    SUPPORT,
+    X_MAX,
+    X_MIN,
+    Y_MAX,
+    Y_MIN,
+)
+
+SUB_POSES = 4  # poses looked at in every action
+_CORNERS = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]]) * [PLANK_LENGTH / 2, PLANK_WIDTH / 2]
+_WAY = PLANK_LENGTH / 2 - ROBOT_RADIUS - END_CLEARANCE  # m, half length of the robots' way
+
+Poses = Float[np.ndarray, "... 3"]
+
+
+class Margins(NamedTuple):
+    """Distances to failure at poses (m); negative where something is broken."""
+
+    plank: Float[np.ndarray, "..."]  # plank inside the workspace
+    support: Float[np.ndarray, "..."]  # support on either ground, beyond what is needed
+    wall: Float[np.ndarray, "... robots"]  # robot inside the workspace
+    gap: Float[np.ndarray, "... robots"]  # robot off the gap
+
+    def least(self) -> Float[np.ndarray, "..."]:
+        """Smallest margin at each pose."""
+        robots = np.minimum(self.wall.min(-1), self.gap.min(-1))
+        return np.minimum(np.minimum(self.plank, self.support), robots)
+
+    def reason(self, at: int) -> str:
+        """What is broken most at one pose of a sequence."""
+        return min(self._parts(at))[1]
+
+    def nearest(self, at: int) -> str:
+        """What is closest to failure at one pose of a sequence, and how close."""
+        margin, _, place = min(self._parts(at))
+        return f"{place}, {margin:.3f} m to spare"
+
+    def _parts(self, at: int) -> list[tuple[float, str, str]]:
+        walls, gaps = self.wall[at], self.gap[at]
+        a, b = int(np.argmin(walls)) + 1, int(np.argmin(gaps)) + 1
+        return [
+            (float(self.plank[at]), "the plank leaves the workspace", "the plank to the wall"),
+            (float(self.support[at]), "the plank loses its support", "the plank's support"),
+            (float(walls.min()), f"robot {a} leaves the workspace", f"robot {a} to the wall"),
+            (float(gaps.min()), f"robot {b} enters the gap", f"robot {b} to the gap"),
+        ]
+
+
+def _rotated(
+    theta: Float[np.ndarray, "..."], points: Float[np.ndarray, "points 2"]
+) -> Float[np.ndarray, "... points 2"]:
+    cos, sin = np.cos(theta)[..., None], np.sin(theta)[..., None]
+    return np.stack(
+        [cos * points[:, 0] - sin * points[:, 1], sin * points[:, 0] + cos * points[:, 1]], -1
+    )
+
+
+def robot_centres(contacts: Sequence[Sequence[float]]) -> Float[np.ndarray, "robots 2"]:
+    """Robots' centres in the plank's frame (m)."""
+    r = np.asarray(contacts, np.float64).reshape(-1, 2)
+    return np.stack([r[:, 0], np.copysign(CENTRE_SIDE, r[:, 1])], -1)
+
+
+def margins(poses: Poses, contacts: Sequence[Sequence[float]]) -> Margins:
+    """Distances to every kind of failure, at each pose."""
+    corners = poses[..., None, :2] + _rotated(poses[..., 2], _CORNERS)
+    low, high = corners.min(-2), corners.max(-2)
+    robots = poses[..., None, :2] + _rotated(poses[..., 2], robot_centres(contacts))
+    x, y = robots[..., 0], robots[..., 1]
+    inside = np.minimum(np.minimum(x - X_MIN, X_MAX - x), np.minimum(y - Y_MIN, Y_MAX - y))
+    plank = np.minimum(low - [X_MIN, Y_MIN], [X_MAX, Y_MAX] - high).min(-1)
+    support = np.maximum(GAP_LEFT - low[..., 0], high[..., 0] - GAP_RIGHT) - SUPPORT
+    off_gap = np.maximum(GAP_LEFT - x, x - GAP_RIGHT) - ROBOT_RADIUS
+    return Margins(plank, support, inside - ROBOT_RADIUS, off_gap)
+
+
+def bridges(poses: Poses) -> Bool[np.ndarray, "..."]:
+    """Whether the plank bridges the gap: support on both sides, and the way reaches beyond both edges."""
+    along = _rotated(poses[..., 2], _CORNERS)[..., 0]
+    low, high = poses[..., 0] + along.min(-1), poses[..., 0] + along.max(-1)
+    way = _WAY * np.abs(np.cos(poses[..., 2]))
+    supported = (low <= GAP_LEFT - SUPPORT) & (high >= GAP_RIGHT + SUPPORT)
+    passable = (poses[..., 0] - way <= GAP_LEFT - CORRIDOR) & (
+        poses[..., 0] + way >= GAP_RIGHT + CORRIDOR
+    )
+    return supported & passable
+
+
+def move(pose: Poses, twist: Poses, seconds: float = DT) -> Poses:
+    """Poses after a constant body twist, by the exact motion along a circle."""
+    v, turn = twist[..., :2] * seconds, twist[..., 2] * seconds
+    straight = np.abs(turn) < 1e-12
+    angle = np.where(straight, 1.0, turn)
+    a = np.where(straight, 1.0, np.sin(angle) / angle)
+    b = np.where(straight, 0.0, 2 * np.sin(angle / 2) ** 2 / angle)
+    dx, dy = a * v[..., 0] - b * v[..., 1], b * v[..., 0] + a * v[..., 1]
+    cos, sin = np.cos(pose[..., 2]), np.sin(pose[..., 2])
+    return np.stack(
+        [
+            pose[..., 0] + cos * dx - sin * dy,
+            pose[..., 1] + sin * dx + cos * dy,
+            pose[..., 2] + turn,
+        ],
+        -1,
+    )
+
+
+def sub_poses(
+    pose: Poses, twist: Poses, parts: int = SUB_POSES
+) -> Float[np.ndarray, "... parts 3"]:
+    """Poses within an action, its end included."""
+    return np.stack([move(pose, twist, DT * k / parts) for k in range(1, parts + 1)], -2)
+
+
+class Verdict(NamedTuple):
+    """What came of a sequence of actions."""
+
+    poses: Float[np.ndarray, "poses 3"]  # the initial one, then one per action up to the end
+    bridged: bool
+    reason: str | None  # the first failure, if there was one
+    margin: float  # least distance to failure over everything executed, m
+
+    @property
+    def actions(self) -> int:
+        """Actions executed until the trial ended or the sequence was over."""
+        return len(self.poses) - 1
+
+
+def integrate(
+    pose: Float[np.ndarray, " 3"], twists: Float[np.ndarray, "actions 3"]
+) -> Float[np.ndarray, "poses 3"]:
+    """The initial pose and the pose after each action."""
+    start = np.asarray(pose, np.float64)
+    theta = start[2] + DT * np.concatenate([[0.0], np.cumsum(twists[:, 2])])
+    zero = np.zeros((len(twists), 2))
+    steps = move(np.concatenate([zero, theta[:-1, None]], -1), twists)[:, :2]
+    place = start[:2] + np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+    return np.concatenate([place, theta[:, None]], -1)
+
+
+def execute(
+    pose: Float[np.ndarray, " 3"],
+    twists: Float[np.ndarray, "actions 3"],
+    contacts: Sequence[Sequence[float]],
+) -> Verdict:
+    """Carries out actions until the plank bridges the gap, something fails, or they are used up."""
+    twists = np.asarray(twists, np.float64).reshape(-1, 3)
+    poses = integrate(pose, twists)
+    passed = sub_poses(poses[:-1], twists)
+    found = margins(passed, contacts)
+    room = found.least()  # actions x parts
+    failing, done = np.any(room < 0, axis=-1), np.asarray(bridges(poses[1:]))
+    ends = np.flatnonzero(failing | done)
+    actions = int(ends[0]) + 1 if len(ends) else len(twists)
+    least = min([float(margins(poses[0], contacts).least()), *room[:actions].ravel().tolist()])
+    reason, bridged = None, False
+    if len(ends):
+        last = actions - 1
+        bridged = bool(done[last] and not failing[last])
+        if failing[last]:
+            part = int(np.argmax(room[last] < 0))
+            reason = Margins(*(leaf[last] for leaf in found)).reason(part)
+    return Verdict(poses[: actions + 1], bridged, reason, least)

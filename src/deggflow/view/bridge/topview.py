@@ -1,0 +1,139 @@
+"""The bridge drawn from above by matplotlib: what is shown where OpenGL is missing, and in plots."""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Annulus, Circle, Polygon, Rectangle
+
+from deggflow.tasks.bridge.world import (
+    GAP_LEFT,
+    GAP_RIGHT,
+    PLANK_LENGTH,
+    PLANK_WIDTH,
+    ROBOT_RADIUS,
+    X_MAX,
+    X_MIN,
+    Y_MAX,
+    Y_MIN,
+)
+
+from .moment import THICKNESS, Moment
+from .parts import ACCENTS
+
+RED = "#d4201f"
+WOOD, DARK_WOOD = "#c4935a", "#8a6238"
+_GROUND, _GRID, _PIT, _BORDER = "#f4f2ec", "#e2dfd6", "#57524b", "#8f8878"
+_MARGIN = 0.3  # m around the workspace
+_DPI = 100  # dots per inch of figures turned into pixels
+
+
+def topview_figure(
+    moment: Moment,
+    robot_goals: Float[np.ndarray, "robots 2"],
+    plank_goal: Float[np.ndarray, " 3"],
+    *,
+    size: tuple[float, float] = (6.4, 3.6),
+) -> Figure:
+    """One moment from above as a matplotlib figure.
+
+    Args:
+        moment: Where everything stands and what is red.
+        robot_goals: Of each robot, m.
+        plank_goal: Pose (m, m, rad).
+        size: Width and height, inches.
+
+    Returns:
+        A figure that belongs to no window; save it by `figure.savefig("bridge.pdf")`.
+    """
+    figure = Figure(figsize=size, dpi=_DPI)
+    left, bottom, rest = 0.62, 0.48, 0.10  # inches around the axes, for the labels
+    width, height = max(size[0] - left - rest, 0.1), max(size[1] - bottom - rest, 0.1)
+    axes = figure.add_axes(
+        (left / size[0], bottom / size[1], width / size[0], height / size[1]), facecolor="none"
+    )
+    draw_world(axes)
+    draw_plank(axes, plank_goal, fill=False, edgecolor=WOOD, linewidth=1.2, linestyle=(0, (4, 2)))
+    plank = (RED, "#7d1312") if moment.red_plank else (WOOD, DARK_WOOD)
+    draw_plank(axes, moment.plank, facecolor=plank[0], edgecolor=plank[1], linewidth=1.0, zorder=3)
+    for i, goal in enumerate(robot_goals):
+        _draw_goal(axes, i, goal)
+    for i, robot in enumerate(moment.robots):
+        _draw_robot(axes, i, robot, bool(moment.red_robots[i]))
+    return figure
+
+
+def topview_image(
+    moment: Moment,
+    robot_goals: Float[np.ndarray, "robots 2"],
+    plank_goal: Float[np.ndarray, " 3"],
+    width: int,
+    height: int,
+) -> UInt8[np.ndarray, "height width 3"]:
+    """One moment from above in pixels."""
+    size = (width / _DPI, height / _DPI)
+    canvas = FigureCanvasAgg(topview_figure(moment, robot_goals, plank_goal, size=size))
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+
+def draw_world(axes: Axes, *, pit: str = _PIT) -> None:
+    """Both grounds, the gap and the workspace's border, with axes in metres."""
+    low, height = Y_MIN - _MARGIN, Y_MAX - Y_MIN + 2 * _MARGIN
+    axes.add_patch(
+        Rectangle((X_MIN, Y_MIN), X_MAX - X_MIN, Y_MAX - Y_MIN, facecolor=_GROUND, zorder=0)
+    )
+    for x in range(int(X_MIN) + 1, int(X_MAX) + 1):
+        axes.plot([x, x], [Y_MIN, Y_MAX], color=_GRID, linewidth=0.6, zorder=0.2)
+    for y in range(int(Y_MIN) + 1, int(Y_MAX)):
+        axes.plot([X_MIN, X_MAX], [y, y], color=_GRID, linewidth=0.6, zorder=0.2)
+    axes.add_patch(
+        Rectangle(
+            (X_MIN, Y_MIN), X_MAX - X_MIN, Y_MAX - Y_MIN, fill=False, edgecolor=_BORDER, zorder=0.4
+        )
+    )
+    axes.add_patch(
+        Rectangle((GAP_LEFT, low), GAP_RIGHT - GAP_LEFT, height, facecolor=pit, zorder=0.6)
+    )
+    axes.set_xlim(X_MIN - _MARGIN, X_MAX + _MARGIN)
+    axes.set_ylim(low, low + height)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x (m)")
+    axes.set_ylabel("y (m)")
+    axes.tick_params(length=0, colors="#444444")
+    axes.spines[:].set_visible(False)
+
+
+def draw_plank(axes: Axes, pose: Float[np.ndarray, " 3"], **style: Any) -> None:
+    """The plank's rectangle, in matplotlib's style; what lies beyond the axes is drawn too."""
+    half = np.array([PLANK_LENGTH, PLANK_WIDTH]) / 2
+    corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * half
+    cos, sin = np.cos(pose[2]), np.sin(pose[2])
+    placed = corners @ np.array([[cos, sin], [-sin, cos]]) + pose[:2]
+    axes.add_patch(Polygon(placed, **{"closed": True, "clip_on": False, "zorder": 2, **style}))
+
+
+def _draw_goal(axes: Axes, index: int, goal: Float[np.ndarray, " 2"]) -> None:
+    colour = ACCENTS[index % len(ACCENTS)]
+    place = (float(goal[0]), float(goal[1]))
+    axes.add_patch(
+        Annulus(place, 1.4 * ROBOT_RADIUS, 0.45 * ROBOT_RADIUS, facecolor=colour, zorder=2.5)
+    )
+
+
+def _draw_robot(axes: Axes, index: int, robot: Float[np.ndarray, " 3"], red: bool) -> None:
+    """A disk with a light deck; the rim is wide on the plank, and the disk faint in the pit."""
+    x, y, z = (float(value) for value in robot)
+    colour = RED if red else ACCENTS[index % len(ACCENTS)]
+    rim = 0.8 + 0.8 * max(z, 0.0) / THICKNESS
+    disks = [
+        Circle((x, y), ROBOT_RADIUS, facecolor=colour, edgecolor="#22252a", linewidth=rim),
+        Circle((x, y), 0.62 * ROBOT_RADIUS, facecolor="#f7f6f2"),
+        Circle((x, y), 0.36 * ROBOT_RADIUS, facecolor="#2b2f36"),
+    ]
+    for k, disk in enumerate(disks):
+        disk.set(zorder=4 + 0.1 * k, clip_on=False, alpha=0.75 if z < 0.0 else 1.0)
+        axes.add_patch(disk)

@@ -1,0 +1,140 @@
+"""A video of the complete process, alone or nominal beside guided."""
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing
+from itertools import groupby
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import UInt8
+from PIL import Image, ImageDraw
+
+from deggflow.tasks.bridge.process import TICK, Process, Stage
+from deggflow.view.picture import GREY, fitting, font, panels
+from deggflow.view.stage import Camera, RendererName
+from deggflow.view.video import encode
+
+from .pictures import FAULT_INK, TITLES
+from .stage import BridgeStage, open_stage
+
+STAGE_LABELS: dict[Stage, str] = {
+    "approach": "robots drive to the plank",
+    "build": "building the bridge",
+    "cross": "crossing",
+}
+_TRACK, _DONE = (214, 214, 214), (61, 111, 168)
+
+
+class _Side(NamedTuple):
+    """One process and where its pictures are taken."""
+
+    process: Process
+    stage: BridgeStage
+
+
+def write_process_video(
+    path: Path | str,
+    process: Process,
+    *,
+    left: Process | None = None,
+    titles: tuple[str, str] = TITLES,
+    fps: int = 20,
+    width: int = 960,
+    height: int = 540,
+    camera: Camera = "studio",
+    renderer: RendererName = "auto",
+    on_frame: Callable[[int, int], None] | None = None,
+) -> None:
+    """Writes a process as MP4 (H.264, yuv420p); a kill leaves the old file or the new one.
+
+    Every tick is a frame: `fps` 20 is twice real time. Below each picture a bar names the time and
+    the stage; where the process failed, it says why, in red. The last frame stays for a second.
+
+    Args:
+        path: The file, ending in ".mp4".
+        process: The process.
+        left: The nominal process from the same start, shown on the left; whichever ends first
+            holds its last frame.
+        titles: Above the pictures, if there are two.
+        fps: Frames per second.
+        width: Of one process's picture, pixels.
+        height: Of one process's picture, pixels.
+        camera: As in `deggflow.view.bridge.picture`.
+        renderer: As in `deggflow.view.bridge.picture`.
+        on_frame: Told how many frames are drawn, and of how many, after each.
+    """
+    processes = [process] if left is None else [left, process]
+    with ExitStack() as opened:
+        sides = []
+        for each in processes:
+            stage = open_stage(each, width=width, height=height, camera=camera, renderer=renderer)
+            sides.append(_Side(each, opened.enter_context(closing(stage))))
+        encode(Path(path), _frames(sides, titles, on_frame), fps)
+
+
+def _frames(
+    sides: list[_Side], titles: tuple[str, str], on_frame: Callable[[int, int], None] | None
+) -> Iterator[UInt8[np.ndarray, "rows columns 3"]]:
+    total = max(len(side.process.stage) for side in sides)
+    columns = [_column(side, total) for side in sides]
+    for done, images in enumerate(zip(*columns, strict=True), start=1):
+        whole = panels(images, titles=titles) if len(images) > 1 else images[0]
+        yield _even(whole)
+        if on_frame is not None:
+            on_frame(done, total)
+
+
+def _column(side: _Side, total: int) -> Iterator[UInt8[np.ndarray, "rows width 3"]]:
+    """A process's pictures with the bar below, the last one repeated up to `total`."""
+    for tick in range(total):
+        if tick < len(side.process.stage):
+            picture = side.stage.picture(tick)
+            image = np.concatenate([picture, _bar(side.process, tick, total, *picture.shape[:2])])
+        yield image
+
+
+def _bar(
+    process: Process, tick: int, total: int, height: int, width: int
+) -> UInt8[np.ndarray, "rows width 3"]:
+    """Time and stage, or why the process failed, above a line that fills from left to right."""
+    rows = max(height // 14, 16)
+    sheet = Image.new("RGB", (width, rows), "white")
+    draw, size = ImageDraw.Draw(sheet), round(0.62 * rows)
+    edge, middle = round(0.5 * rows), 0.40 * rows
+    draw.text((edge, middle), f"{tick * TICK:.1f} s", (25, 25, 25), font("regular", size), "lm")
+    start = edge + round(font("regular", size).getlength("000.0 s")) + edge
+    failed = process.failure is not None and tick == len(process.stage) - 1
+    text = str(process.failure) if failed else STAGE_LABELS[process.stage[tick]]
+    letters = fitting(text, size, width - start - edge)
+    draw.text((start, middle), text, FAULT_INK if failed else GREY, letters, "lm")
+    _draw_line(draw, process, tick, total, (edge, width - edge, rows))
+    return np.array(sheet)
+
+
+def _draw_line(
+    draw: ImageDraw.ImageDraw,
+    process: Process,
+    tick: int,
+    total: int,
+    place: tuple[int, int, int],
+) -> None:
+    """One piece a stage, all of them as long as the longer process together."""
+    left, right, rows = place
+    scale, y, thickness = (right - left) / total, round(0.86 * rows), max(rows // 12, 2)
+    first = 0
+    for _, stage in groupby(process.stage):
+        after = first + len(list(stage))
+        reach = min(max(tick + 1, first), after)
+        for end, colour in ((after, _TRACK), (reach, _DONE)):
+            x0, x1 = left + scale * first, left + scale * end - 3
+            if x1 > x0:
+                draw.line((x0, y, x1, y), colour, thickness)
+        first = after
+
+
+def _even(image: UInt8[np.ndarray, "rows columns 3"]) -> UInt8[np.ndarray, "even_rows even 3"]:
+    """White added below and to the right, as H.264 needs even sides."""
+    rows, columns = image.shape[:2]
+    pad = ((0, rows % 2), (0, columns % 2), (0, 0))
+    return np.pad(image, pad, constant_values=255)
