@@ -11,8 +11,8 @@ import deggflow
 
 ROOT = Path(deggflow.__file__).parent
 FLOORS = [
-    {"files", "jsonl", "statistics", "certificate", "flow", "field", "guidance", "weights"},
-    {"generation", "redraw", "train"},
+    {"files", "jsonl", "statistics", "certificate", "flow", "field", "guidance", "weights", "solver"},
+    {"generation", "redraw", "step_guard", "train"},
     {"tasks"},
     {"view"},
     {"app"},

@@ -12,7 +12,7 @@ from .files import write_atomically
 
 T = TypeVar("T")
 
-MAX_LINE = 65_536  # bytes; no valid line of any format comes near it
+MAX_LINE = 262_144  # bytes; no valid line of any format comes near it
 MAX_LINES = 1_000_000
 
 
@@ -131,6 +131,29 @@ def expect_number(value: Any, field: str, low: float, high: float, unit: str) ->
             f"must lie in [{low:g}, {high:g}] {unit}; got {shorten(value)}", field=field
         )
     return float(value)
+
+
+def expect_integer(value: Any, field: str, low: int, high: int) -> int:
+    """Checks that a value is an integer in [low, high]."""
+    if not isinstance(value, int) or isinstance(value, bool):
+        raise InputError("must be an integer", field=field)
+    if not low <= value <= high:
+        raise InputError(f"must lie in [{low}, {high}]; got {shorten(value)}", field=field)
+    return value
+
+
+def expect_flag(value: Any, field: str) -> bool:
+    """Checks that a value is true or false."""
+    if not isinstance(value, bool):
+        raise InputError(f"must be true or false; got {shorten(value)}", field=field)
+    return value
+
+
+def expect_reason(value: Any, field: str) -> str | None:
+    """Checks that a value is text or null."""
+    if not isinstance(value, str | None):
+        raise InputError(f"must be text or null; got {shorten(value)}", field=field)
+    return value
 
 
 def join(field: str, key: str) -> str:

@@ -1,10 +1,7 @@
 """The command line as a user runs it: processes, exit codes, files."""
 
 import json
-import os
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -13,31 +10,6 @@ import pytest
 
 from deggflow.tasks.tabletop.formats import read_scenes
 from deggflow.tasks.tabletop.oracle import refutes
-
-
-@pytest.fixture(scope="session")
-def environment(tmp_path_factory):
-    """Compiled programs are shared between the processes of the tests, and with nobody else."""
-    return {**os.environ, "DEGGFLOW_CACHE": str(tmp_path_factory.mktemp("cache"))}
-
-
-@pytest.fixture
-def deggflow(environment, tmp_path):
-    def run(*arguments, start=False):
-        command = [sys.executable, "-m", "deggflow.app.cli", *map(str, arguments)]
-        if start:
-            return subprocess.Popen(
-                command,
-                cwd=tmp_path,
-                env=environment,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-            )
-        return subprocess.run(
-            command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
-        )
-
-    return run
 
 
 def conditions(path, *rows):

@@ -6,7 +6,7 @@ from tyro.extras import SubcommandApp
 
 from deggflow.jsonl import InputError
 
-from . import demo, tabletop
+from . import bridge, demo, tabletop
 from .session import BAD_INPUT, UNFORESEEN
 
 _TABLETOP = SubcommandApp()
@@ -16,11 +16,19 @@ _TABLETOP.command(tabletop.generate)
 _TABLETOP.command(tabletop.evaluate)
 _TABLETOP.command(tabletop.render)
 
+_BRIDGE = SubcommandApp()
+_BRIDGE.command(bridge.data)
+_BRIDGE.command(bridge.train)
+_BRIDGE.command(bridge.generate)
+_BRIDGE.command(bridge.evaluate)
+_BRIDGE.command(bridge.render)
+
 _APP = SubcommandApp()
 _APP.command(demo.demo)
 _APP.command(
     _TABLETOP, name="tabletop", help="Scenes of objects on a table, each easy to reach and use."
 )
+_APP.command(_BRIDGE, name="bridge", help="Robots push a plank over a gap and cross it.")
 
 _DESCRIPTION = (
     "Generative flow models of several agents that keep hard promises: guided generation, "

@@ -1,6 +1,6 @@
 """Tables of `deggflow tabletop evaluate`."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -8,7 +8,6 @@ from typing import Any
 from rich.table import Table
 
 from deggflow.flow import Field
-from deggflow.jsonl import ResumableOutput
 from deggflow.tasks.tabletop.evaluate import (
     ALLOCATIONS,
     Comparison,
@@ -17,30 +16,8 @@ from deggflow.tasks.tabletop.evaluate import (
     evaluate,
 )
 
-from .session import NOT_SATISFIED, SATISFIED, output, progress
-
-
-def _rows(
-    jobs: Iterable[Callable[[], Any]], settings: dict[str, Any], out: Path | None, count: int
-) -> list[dict[str, Any]]:
-    """Runs the jobs that are not done yet; each row is written as soon as it is known."""
-    target = None if out is None else ResumableOutput(out, settings)
-    with progress() as bars:
-        bar = bars.add_task("evaluating", total=count)
-        if target is None:
-            found = []
-            for job in jobs:
-                found.append(job().to_json())
-                bars.advance(bar)
-            return found
-        with target as lines:
-            bars.advance(bar, len(lines.finished))
-            for job in list(jobs)[len(lines.finished) :]:
-                row = job().to_json()
-                lines.append([row])
-                lines.finished.append(row)
-                bars.advance(bar)
-            return lines.finished
+from .runs import run_jobs
+from .session import NOT_SATISFIED, SATISFIED, output
 
 
 def run_evaluation(field: Field, settings: dict[str, Any], out: Path | None) -> int:
@@ -51,7 +28,7 @@ def run_evaluation(field: Field, settings: dict[str, Any], out: Path | None) -> 
     def job(family: str, size: int) -> Callable[[], Evaluation]:
         return lambda: evaluate(field, size, family, cases, seed, max_draws)
 
-    found = _rows([job(*point) for point in grid], settings, out, len(grid))
+    found = run_jobs([job(*point) for point in grid], settings, out)
     rows = [Evaluation(**row) for row in found]
     table = Table(
         title=f"Tabletop: success, {cases} cases a row, seed {seed}, 95% Wilson intervals",
@@ -96,7 +73,7 @@ def run_comparison(field: Field, settings: dict[str, Any], out: Path | None) -> 
             field, size, family, cases, seed, allocation=allocation, reanchored=anew
         )
 
-    found = _rows([job(*point) for point in grid], settings, out, len(grid))
+    found = run_jobs([job(*point) for point in grid], settings, out)
     table = Table(
         title=f"Tabletop: first draws, {cases} cases a row, seed {seed}, 95% Wilson intervals",
         title_justify="left",

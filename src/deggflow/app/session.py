@@ -51,7 +51,7 @@ def output() -> "Console":
 
 
 @contextmanager
-def progress() -> Iterator["Progress"]:
+def progress(*, hidden: bool = False) -> Iterator["Progress"]:
     """Progress bars on stderr, only where somebody watches."""
     from rich.progress import (
         BarColumn,
@@ -67,5 +67,5 @@ def progress() -> Iterator["Progress"]:
         MofNCompleteColumn(),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=console(), disable=not sys.stderr.isatty()) as bars:
+    with Progress(*columns, console=console(), disable=hidden or not sys.stderr.isatty()) as bars:
         yield bars

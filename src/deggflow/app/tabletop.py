@@ -1,9 +1,6 @@
 """`deggflow tabletop`: data, train, generate, evaluate, render."""
 
-import json
-import sys
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -11,23 +8,27 @@ import tyro
 
 from deggflow.jsonl import InputError, ResumableOutput
 
+from .runs import (
+    MAX_COUNT,
+    MAX_SEED,
+    deliver,
+    digest,
+    in_range,
+    load,
+    shown_training,
+    training_config,
+    wanted,
+)
 from .session import NOT_SATISFIED, SATISFIED, console, prepare_jax, progress
 
 if TYPE_CHECKING:
+    from rich.progress import Progress
+
     from deggflow.tasks.tabletop.condition import SceneCondition
     from deggflow.tasks.tabletop.generator import TabletopGenerator
     from deggflow.tasks.tabletop.scene import Scene
 
 Family = Literal["default", "changed", "opposite", "side", "larger", "combined"]
-
-CHUNK = 512  # scenes between two writes of a long run
-MAX_COUNT = 1_000_000
-MAX_SEED = 2**31 - 1  # JAX's keys are made from 32-bit integers
-
-
-def _in_range(name: str, value: int, low: int, high: int) -> None:
-    if not low <= value <= high:
-        raise InputError(f"--{name} must lie in [{low}, {high}]; got {value}")
 
 
 def data(
@@ -46,9 +47,9 @@ def data(
         clearance: Free space aimed at around objects and regions, m.
         seed: Seed of the scenes.
     """
-    _in_range("training", training, 1, MAX_COUNT)
-    _in_range("validation", validation, 1, MAX_COUNT)
-    _in_range("seed", seed, 0, MAX_SEED // 2)  # training and validation use 2 seed and 2 seed + 1
+    in_range("training", training, 1, MAX_COUNT)
+    in_range("validation", validation, 1, MAX_COUNT)
+    in_range("seed", seed, 0, MAX_SEED // 2)  # training and validation use 2 seed and 2 seed + 1
     if not 0.015 <= clearance <= 0.5:
         raise InputError(f"--clearance must lie in [0.015, 0.5] m; got {clearance}")
     prepare_jax()
@@ -86,80 +87,17 @@ def train(
         head_width: Width of the last layers.
         seed: Seed of initial weights, batches and noise.
     """
-    _in_range("seed", seed, 0, MAX_SEED)
-    _in_range("batch", batch, 1, 100_000)
     for name, value in (("width", width), ("rounds", rounds), ("head-width", head_width)):
-        _in_range(name, value, 1, 10_000)
-    if not 0 < learning_rate < 1:
-        raise InputError(f"--learning-rate must lie in (0, 1); got {learning_rate}")
+        in_range(name, value, 1, 10_000)
     prepare_jax()
+    config = training_config(steps, batch, learning_rate, seed)
     from deggflow.tasks.tabletop.training import train_field
-    from deggflow.train import Curve, TrainingConfig
 
-    try:
-        config = TrainingConfig(steps=steps, batch=batch, learning_rate=learning_rate, seed=seed)
-    except ValueError as error:
-        raise InputError(str(error)) from None
     architecture = {"width": width, "rounds": rounds, "head_width": head_width}
-    with progress() as bars:
-        bar = bars.add_task("training", total=steps)
-
-        def show(curve: Curve) -> None:
-            loss = f"loss {curve.training:.4f}, validation {curve.validation:.4f}"
-            bars.update(bar, completed=curve.step, description=f"training ({loss})")
-            if bars.disable:
-                print(f"step {curve.step}: {loss}", file=sys.stderr, flush=True)
-
+    with shown_training(steps, out) as show:
         train_field(data, out, config, architecture, show)
-    from deggflow.view.curves import draw_curves
-
-    draw_curves(out / "curves.csv", out / "curves.png")
     console().print(f"Weights, card and curves are in {out}.")
     return SATISFIED
-
-
-@dataclass(frozen=True)
-class _Wanted:
-    """Conditions of a run by number, from a file or drawn."""
-
-    count: int
-    given: "list[SceneCondition] | None"
-    size: int
-    family: str
-    seed: int
-
-    def chunk(self, first: int, count: int) -> "list[SceneCondition]":
-        if self.given is not None:
-            return self.given[first : first + count]
-        from deggflow.tasks.tabletop.changes import random_conditions
-
-        return random_conditions(self.size, count, self.family, self.seed, first)
-
-
-def _wanted(
-    conditions: Path | None, size: int | None, count: int | None, family: str, seed: int
-) -> _Wanted:
-    if (conditions is None) == (size is None):
-        raise InputError("give either --conditions FILE or --size N (with --count M)")
-    _in_range("seed", seed, 0, MAX_SEED)
-    if conditions is not None:
-        if count is not None or family != "changed":
-            raise InputError("--count and --requirements go with --size, not with --conditions")
-        from deggflow.tasks.tabletop.formats import read_conditions
-
-        given = read_conditions(conditions)
-        return _Wanted(len(given), given, 0, "", seed)
-    from deggflow.tasks.tabletop.library import MAX_OBJECTS
-
-    _in_range("size", size or 0, 1, MAX_OBJECTS)
-    _in_range("count", 1 if count is None else count, 1, MAX_COUNT)
-    return _Wanted(1 if count is None else count, None, size or 0, family, seed)
-
-
-def _digest(conditions: Path | None) -> str | None:
-    from hashlib import sha256
-
-    return None if conditions is None else sha256(conditions.read_bytes()).hexdigest()
 
 
 def make_generator(weights: Path | None, guidance: str) -> "TabletopGenerator":
@@ -167,21 +105,8 @@ def make_generator(weights: Path | None, guidance: str) -> "TabletopGenerator":
     from deggflow.tasks.tabletop.field import load_field
     from deggflow.tasks.tabletop.generator import TabletopGenerator, tabletop_guidance
 
-    try:
-        field = load_field(weights)
-    except (OSError, ValueError) as error:
-        raise InputError(f"--weights can't be used: {error}") from None
+    field = load(load_field, weights)
     return TabletopGenerator(field, tabletop_guidance() if guidance == "degg" else None)
-
-
-def _chunks(
-    generator: "TabletopGenerator", wanted: _Wanted, first: int, seed: int, max_draws: int
-) -> "Iterator[list[Scene]]":
-    # A chunk that a kill cut in two is generated again whole, as another batch rounds differently.
-    for start in range(first // CHUNK * CHUNK, wanted.count, CHUNK):
-        conditions = wanted.chunk(start, min(CHUNK, wanted.count - start))
-        scenes = generator.scenes(conditions, seed=seed, first=start, max_draws=max_draws)
-        yield scenes[max(0, first - start) :]
 
 
 def generate(
@@ -211,54 +136,48 @@ def generate(
         max_draws: How often a scene is drawn anew until it satisfies its requirements.
         weights: Another weights file (.safetensors, card beside it).
     """
-    _in_range("max-draws", max_draws, 1, 10_000)
-    wanted = _wanted(conditions, size, count, requirements, seed)
+    in_range("max-draws", max_draws, 1, 10_000)
+    in_range("seed", seed, 0, MAX_SEED)
+    if conditions is not None and requirements != "changed":
+        raise InputError("--requirements goes with --size, not with --conditions")
+    prepare_jax()
+    from deggflow.tasks.tabletop.changes import random_conditions
+    from deggflow.tasks.tabletop.formats import read_conditions
+    from deggflow.tasks.tabletop.library import MAX_OBJECTS
+
+    asked = wanted(
+        conditions,
+        size,
+        count,
+        sizes=(1, MAX_OBJECTS),
+        read=read_conditions,
+        draw=lambda size, first, many: random_conditions(size, many, requirements, seed, first),
+    )
     settings = {
         "command": "tabletop generate",
-        "conditions": _digest(conditions),
-        "size": wanted.size,
-        "count": wanted.count,
-        "requirements": wanted.family,
+        "conditions": digest(conditions),
+        "size": asked.size,
+        "count": asked.count,
+        "requirements": requirements if conditions is None else "",
         "seed": seed,
         "guidance": guidance,
         "max_draws": max_draws,
         "weights": None if weights is None else str(weights),
     }
     limit = 1 if guidance == "none" else max_draws
-    prepare_jax()
     target = None if out is None else ResumableOutput(out, settings)
     generator = make_generator(weights, guidance)
-    if target is None:
-        failed = _print_scenes(_chunks(generator, wanted, 0, seed, limit))
-    else:
-        failed = _append_scenes(
-            target, wanted.count, lambda first: _chunks(generator, wanted, first, seed, limit)
-        )
-    return _summary(wanted.count, failed, guidance, out)
 
+    def make(conditions: "list[SceneCondition]", first: int) -> "list[Scene]":
+        return generator.scenes(conditions, seed=seed, first=first, max_draws=limit)
 
-def _print_scenes(chunks: "Iterator[list[Scene]]") -> int:
-    """Scenes to stdout; returns how many are not satisfied."""
-    failed = 0
-    for scenes in chunks:
-        for scene in scenes:
-            print(json.dumps(scene.to_json(), allow_nan=False), flush=True)
-            failed += not scene.certificate.satisfied
-    return failed
+    def chunks(first: int, _: "Progress") -> "Iterator[list[Scene]]":
+        return asked.chunks(make, first)
 
-
-def _append_scenes(
-    target: ResumableOutput, count: int, chunks_from: "Callable[[int], Iterator[list[Scene]]]"
-) -> int:
-    """Scenes to the end of a file that may hold some already; returns how many are not satisfied."""
-    with target as lines, progress() as bars:
-        bar = bars.add_task("scenes", total=count, completed=len(lines.finished))
-        failed = sum(not row["certificate"]["satisfied"] for row in lines.finished)
-        for scenes in chunks_from(len(lines.finished)):
-            lines.append([scene.to_json() for scene in scenes])
-            failed += sum(not scene.certificate.satisfied for scene in scenes)
-            bars.advance(bar, len(scenes))
-    return failed
+    failed = deliver(
+        target, asked.count, "scenes", lambda row: not row["certificate"]["satisfied"], chunks
+    )
+    return _summary(asked.count, failed, guidance, out)
 
 
 def _summary(count: int, failed: int, guidance: str, out: Path | None) -> int:
@@ -292,11 +211,11 @@ def evaluate(
     """
     from deggflow.tasks.tabletop.library import MAX_OBJECTS
 
-    _in_range("cases", cases, 1, MAX_COUNT)
-    _in_range("seed", seed, 0, MAX_SEED)
-    _in_range("max-draws", max_draws, 1, 10_000)
+    in_range("cases", cases, 1, MAX_COUNT)
+    in_range("seed", seed, 0, MAX_SEED)
+    in_range("max-draws", max_draws, 1, 10_000)
     for size in sizes:
-        _in_range("sizes", size, 1, MAX_OBJECTS)
+        in_range("sizes", size, 1, MAX_OBJECTS)
     prepare_jax()
     from .evaluation import run_comparison, run_evaluation
 
@@ -342,7 +261,7 @@ def render(
     found = read_scenes(scenes)
     chosen = lines or tuple(range(1, min(len(found), 12) + 1))
     for line in chosen:
-        _in_range("lines", line, 1, len(found))
+        in_range("lines", line, 1, len(found))
     from .pictures import draw, regenerate
 
     prepare_jax()

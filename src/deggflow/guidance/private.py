@@ -1,12 +1,12 @@
 """Private requirements (PE guidance): each agent owns a violation that its neighbours also affect."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from .allocation import AbstractAllocation, Pooled
 from .requirement import AbstractRequirement, Rows, input_gradient
@@ -33,6 +33,14 @@ def hinge_violation(margins: Margins, buffer: float) -> Violation:
     return violation
 
 
+class PrivateState(NamedTuple):
+    """Where the bound on V starts from."""
+
+    start: Float[Array, ""]  # V(0)
+    anchor: Float[Array, ""]  # V at `since`
+    since: Float[Array, ""]  # 0, or when a step last landed above its limit
+
+
 class PrivateRequirement(AbstractRequirement):
     """Drives V = sum_i V_i to zero by tau = 1 (paper, thm:private_finite_time).
 
@@ -40,6 +48,8 @@ class PrivateRequirement(AbstractRequirement):
     V(0). With `reanchored`, c is taken afresh from the present,
     c(tau) = kappa V^(1 - rho) / ((1 - rho) int_tau^1 omega), so that after any disturbance
     V(tau) <= V(s) (int_tau^1 omega / int_s^1 omega)^(kappa / (1 - rho)): convergence in prescribed time.
+    `floor` is a value of V at which every requirement holds already, buffer^2 / 2 for `hinge_violation`; no
+    step is refused for a V below it.
     """
 
     violation: Violation
@@ -48,6 +58,7 @@ class PrivateRequirement(AbstractRequirement):
     rho: float = eqx.field(static=True, default=0.75)
     kappa: float = eqx.field(static=True, default=1.15)
     omega: AbstractSchedule = LinearSchedule()
+    floor: float = eqx.field(static=True, default=0.0)
     name: str = eqx.field(static=True, default="private")
 
     def __check_init__(self) -> None:
@@ -65,29 +76,37 @@ class PrivateRequirement(AbstractRequirement):
     def names(self) -> tuple[str, ...]:
         return (self.name,)
 
-    def init(self, z0: Float[Array, "agents dim"], condition: Any) -> Float[Array, ""]:
-        """V(0), from which c is fixed."""
-        return jnp.sum(self.violation(z0, condition))
+    def init(self, z0: Float[Array, "agents dim"], condition: Any) -> PrivateState:
+        """V(0), from which c and the bound start."""
+        total = jnp.sum(self.violation(z0, condition))
+        return PrivateState(total, total, jnp.zeros_like(total))
 
     def _gain(self, total: Float[Array, ""], remaining: Float[Array, ""]) -> Float[Array, ""]:
         return self.kappa / (1 - self.rho) * total ** (1 - self.rho) / remaining
 
-    def bound(self, start: Float[Array, ""], tau: Float[Array, ""]) -> Float[Array, ""]:
-        """What V(tau) stays below, from V(0): the theorem's bound, or that of the re-anchored gain."""
-        whole, rest = self.omega.remaining(jnp.zeros_like(tau)), self.omega.remaining(tau)
+    def bound(self, state: PrivateState, tau: Float[Array, ""]) -> Float[Array, ""]:
+        """What V(tau) stays below: the theorem's bound, or that of the re-anchored gain."""
+        return self._decayed(state, tau, self.kappa)
+
+    def _decayed(
+        self, state: PrivateState, tau: Float[Array, ""], kappa: float
+    ) -> Float[Array, ""]:
+        whole, rest = self.omega.remaining(state.since), self.omega.remaining(tau)
+        left = rest / jnp.maximum(whole, MIN_REMAINING)
         if self.reanchored:
-            return start * (rest / whole) ** (self.kappa / (1 - self.rho))
-        share = 1 - self.kappa * (whole - rest) / whole  # of V(0)^(1 - rho)
-        return start * jnp.maximum(share, 0.0) ** (1 / (1 - self.rho))
+            return state.anchor * left ** (kappa / (1 - self.rho))
+        # Of V(0)^(1 - rho), linear in the integral of omega.
+        return state.anchor * jnp.maximum(1 - kappa * (1 - left), 0.0) ** (1 / (1 - self.rho))
 
     def rows(
         self,
-        state: Float[Array, ""],
+        state: PrivateState,
         tau: Float[Array, ""],
         z: Float[Array, "agents dim"],
         drift: Float[Array, "agents dim"],
         control: Float[Array, "agents dim inputs"] | None,
         condition: Any,
+        moving: Bool[Array, " agents"] | None = None,
     ) -> Rows:
         def total_and_parts(
             state: Float[Array, "agents dim"],
@@ -99,12 +118,30 @@ class PrivateRequirement(AbstractRequirement):
         if self.reanchored:
             gain = self._gain(total, jnp.maximum(self.omega.remaining(tau), MIN_REMAINING))
         else:
-            start = jnp.maximum(state, MIN_VIOLATION)
+            start = jnp.maximum(state.start, MIN_VIOLATION)
             gain = self._gain(start, self.omega.remaining(jnp.zeros_like(tau)))
         demand = gain * self.omega(tau) * parts**self.rho
-        ell = input_gradient(control, gradient)
+        ell = input_gradient(control, gradient, moving)
         influence = jnp.sum(ell**2, axis=-1)
         zeta = self.allocation(demand, influence, z, condition)
         b = jnp.sum(gradient * drift, axis=-1) + zeta
         able = (b <= 0) | (influence > 0)  # cor:PE_local_feasibility
-        return Rows(ell[None], b[None], total[None], self.bound(state, tau)[None], able[None])
+        # kappa = 1 just reaches zero at tau = 1: what kappa gives beyond that may be spent on discretisation.
+        limit = jnp.maximum(self._decayed(state, tau, 1.0), self.floor)
+        value, bound = total[None], self.bound(state, tau)[None]
+        return Rows(ell[None], b[None], value, bound, limit[None], able[None])
+
+    def landed(
+        self,
+        state: PrivateState,
+        tau: Float[Array, ""],
+        value: Float[Array, " rows"],
+        above: Bool[Array, " rows"],
+    ) -> PrivateState:
+        if not self.reanchored:
+            return state
+        return PrivateState(
+            state.start,
+            jnp.where(above[0], value[0], state.anchor),
+            jnp.where(above[0], tau, state.since),
+        )

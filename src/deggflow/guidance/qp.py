@@ -1,15 +1,21 @@
-"""The local QP of one agent: the smallest input that meets its rows."""
+"""The local QP of one agent: the smallest input that meets its rows.
+
+In the metric's own coordinates the QP is the projection of the origin onto a polyhedron. Up to two rows are
+solved in closed form; more by a dual active-set method, which ends after finitely many steps with the exact
+solution or with the proof that there is none.
+"""
 
 from typing import NamedTuple
 
 import jax.numpy as jnp
+from jax.scipy.linalg import solve_triangular
 from jaxtyping import Array, Bool, Float
 
-PARALLEL = 1e-6  # squared sine of the angle between two rows below which they count as parallel
+from .active_set import project_origin, resolution
 
 
 class MinNormInput(NamedTuple):
-    """Result of `min_norm_input`; where infeasible, `u` meets as many single rows as it can."""
+    """Result of `min_norm_input`; where infeasible, `u` meets what rows it can."""
 
     u: Float[Array, " inputs"]
     feasible: Bool[Array, ""]
@@ -19,8 +25,11 @@ def min_norm_input(
     ell: Float[Array, "rows inputs"],
     b: Float[Array, " rows"],
     metric: Float[Array, "inputs inputs"] | None = None,
+    *,
+    box: float | None = None,
+    norm: float | None = None,
 ) -> MinNormInput:
-    """Minimises `u @ metric @ u` subject to `ell @ u + b <= 0`, in closed form for up to two rows.
+    """Minimises `u @ metric @ u` subject to `ell @ u + b <= 0`, exactly.
 
     A row that no input can change (`ell = 0`) with `b > 0` is infeasible, and left out of `u`.
 
@@ -28,59 +37,82 @@ def min_norm_input(
         ell: One row per requirement, requirement units per input unit.
         b: Offset of each half-space; positive where the agent must act.
         metric: H, symmetric positive definite; the identity if None.
+        box: Largest size of each entry of the input; no limit if None.
+        norm: Largest `sqrt(u @ metric @ u)`; no limit if None. Where the rows ask for more, the input is
+            scaled down to the limit and reported as infeasible.
 
     Returns:
-        The input, and whether all rows can be met.
+        The input, and whether all rows and limits can be met.
 
     Raises:
-        ValueError: More than two rows.
+        ValueError: A limit is not positive.
 
-    Source: paper, eqn:SE_local_QP and eqn:PE_local_qp_general.
+    Source: paper, eqn:SE_local_QP and eqn:PE_local_qp_general; dual active set after Goldfarb and Idnani (1983).
     """
-    rows, inputs = ell.shape
-    if rows > 2:
-        raise ValueError(
-            f"`ell` has {rows} rows; the closed form covers two at most (paper, prop:c2_feasibility)."
-        )
-    if rows == 0:
-        return MinNormInput(jnp.zeros(inputs), jnp.asarray(True))
-    lift = ell if metric is None else jnp.linalg.solve(metric, ell.T).T  # H^-1 ell of each row
-    square = jnp.sum(ell * lift, axis=-1)
-    tiny = jnp.finfo(ell.dtype).tiny
-    live = square > tiny
-    norm = jnp.sqrt(jnp.where(live, square, 1.0))
-    # Unit rows in the metric of H: s is how far along a row the input must go.
-    direction = jnp.where(live, 1.0 / norm, 0.0)[:, None] * lift
-    distance = jnp.where(live, b / norm, 0.0)
-    met = jnp.all(live | (b <= 0))
-    if rows == 1:
-        return MinNormInput(-jnp.maximum(distance[0], 0.0) * direction[0], met)
-    overlap = jnp.where(live[0] & live[1], ell[0] @ lift[1] / (norm[0] * norm[1]), 0.0)
-    return _two_rows(direction, distance, overlap, met)
+    _check_limits(box, norm)
+    inputs = ell.shape[1]
+    if box is not None:
+        eye = jnp.eye(inputs, dtype=ell.dtype)
+        ell = jnp.concatenate([ell, eye, -eye])
+        b = jnp.concatenate([b, jnp.full(2 * inputs, -box, b.dtype)])
+    if ell.shape[0] == 0:
+        return MinNormInput(jnp.zeros(inputs, ell.dtype), jnp.asarray(True))
+    root = None if metric is None else jnp.linalg.cholesky(metric)
+    # H = L L^T and v = L^T u: in v the metric is the identity, and a row reads (L^-1 ell) . v + b <= 0.
+    rows = ell if root is None else solve_triangular(root, ell.T, lower=True).T
+    square = jnp.sum(rows**2, axis=-1)
+    live = square > jnp.finfo(ell.dtype).tiny
+    length = jnp.sqrt(jnp.where(live, square, 1.0))
+    unit = jnp.where(live, 1.0 / length, 0.0)[:, None] * rows
+    distance = jnp.where(live, b / length, 0.0)
+    v, found = _project(unit, distance)
+    feasible = found & jnp.all(live | (b <= 0))
+    if norm is not None:
+        size = jnp.sqrt(jnp.sum(v**2))
+        feasible &= size <= norm
+        v = v * jnp.minimum(1.0, norm / jnp.maximum(size, norm))
+    u = v if root is None else solve_triangular(root, v, lower=True, trans="T")
+    return MinNormInput(u, feasible)
 
 
-def _two_rows(
-    direction: Float[Array, "2 inputs"],
-    distance: Float[Array, " 2"],
-    overlap: Float[Array, ""],
-    met: Bool[Array, ""],
-) -> MinNormInput:
-    """Active sets {}, {0}, {1}, {0, 1} of two unit rows in turn; `overlap` is the cosine between them."""
+def _check_limits(box: float | None, norm: float | None) -> None:
+    for name, limit in (("box", box), ("norm", norm)):
+        if limit is not None and not limit > 0:
+            raise ValueError(f"`{name}` must be positive, as it limits a size; got {limit}.")
+
+
+def _project(
+    unit: Float[Array, "rows inputs"], distance: Float[Array, " rows"]
+) -> tuple[Float[Array, " inputs"], Bool[Array, ""]]:
+    """The point nearest to the origin with `unit @ v + distance <= 0`; rows of zeros count for nothing."""
+    if unit.shape[0] == 1:
+        return -jnp.maximum(distance[0], 0.0) * unit[0], jnp.asarray(True)
+    if unit.shape[0] == 2:
+        return _project_two(unit, distance)
+    return project_origin(unit, distance, resolution(unit.dtype))
+
+
+def _project_two(
+    unit: Float[Array, "2 inputs"], distance: Float[Array, " 2"]
+) -> tuple[Float[Array, " inputs"], Bool[Array, ""]]:
+    """Active sets {}, {0}, {1}, {0, 1} in turn."""
     first, second = distance[0], distance[1]
+    overlap = unit[0] @ unit[1]
     one = jnp.maximum(distance, 0.0)
-    only_first = second - overlap * one[0] <= 0  # row 0 alone (or none) also meets row 1
-    only_second = first - overlap * one[1] <= 0
-    sine2 = 1 - overlap**2
-    crossing = sine2 > PARALLEL
-    denominator = jnp.where(crossing, sine2, 1.0)
-    both_0 = (first - overlap * second) / denominator
-    both_1 = (second - overlap * first) / denominator
+    rounding = 8 * jnp.finfo(unit.dtype).eps * (jnp.abs(first) + jnp.abs(second))
+    only_first = second - overlap * one[0] <= rounding  # row 0 alone (or none) also meets row 1
+    only_second = first - overlap * one[1] <= rounding
+    # The part of row 1 across row 0, twice: 1 - overlap^2 would have no digits left for nearly parallel rows.
+    across = unit[1] - overlap * unit[0]
+    across = across - (across @ unit[0]) * unit[0]
+    square = jnp.sum(across**2)
+    crossing = square > resolution(unit.dtype) ** 2
+    sine = jnp.sqrt(jnp.where(crossing, square, 1.0))
+    both = -first * unit[0] - ((second - overlap * first) / sine) * (across / sine)
     # Opposed rows that cross nowhere: half of each, and said to be infeasible.
-    both_0 = jnp.where(crossing, both_0, one[0] / 2)
-    both_1 = jnp.where(crossing, both_1, one[1] / 2)
-    alone = only_first | only_second
-    use_first = only_first & (~only_second | (one[0] <= one[1]))
-    weight_0 = jnp.where(alone, jnp.where(use_first, one[0], 0.0), both_0)
-    weight_1 = jnp.where(alone, jnp.where(use_first, 0.0, one[1]), both_1)
-    u = -(weight_0 * direction[0] + weight_1 * direction[1])
-    return MinNormInput(u, met & (alone | crossing))
+    neither = -(one[0] * unit[0] + one[1] * unit[1]) / 2
+    # Where either would do, rows agree up to rounding: the larger one is needed, and the smaller one idle.
+    use_first = only_first & (~only_second | (one[0] >= one[1]))
+    alone = -jnp.where(use_first, one[0] * unit[0], one[1] * unit[1])
+    v = jnp.where(only_first | only_second, alone, jnp.where(crossing, both, neither))
+    return v, only_first | only_second | crossing

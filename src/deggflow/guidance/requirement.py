@@ -25,6 +25,9 @@ class Rows(NamedTuple):
     b: Float[Array, "rows agents"]
     value: Float[Array, " rows"]  # V or q: how far it is from being met
     bound: Float[Array, " rows"]  # what the theorem promises of the value at this tau
+    limit: Float[
+        Array, " rows"
+    ]  # what a discrete step may reach here and still lead to the end wanted
     able: Bool[Array, "rows agents"]  # whether the theorem's condition for a feasible row holds
 
 
@@ -49,12 +52,29 @@ class AbstractRequirement(eqx.Module):
         drift: Float[Array, "agents dim"],
         control: Float[Array, "agents dim inputs"] | None,
         condition: Any,
+        moving: Bool[Array, " agents"] | None = None,
     ) -> Rows:
-        """Every agent's rows at (tau, z), where the nominal field is `drift` and g is `control`."""
+        """Every agent's rows at (tau, z), where the nominal field is `drift` and g is `control`.
+
+        Agents that do not move (`moving` is False, and their drift is zero) take no share.
+        """
+
+    @abc.abstractmethod
+    def landed(
+        self,
+        state: Any,
+        tau: Float[Array, ""],
+        value: Float[Array, " rows"],
+        above: Bool[Array, " rows"],
+    ) -> Any:
+        """The state after a step that was taken although it landed above a limit."""
 
 
 def input_gradient(
-    control: Float[Array, "agents dim inputs"] | None, gradient: Float[Array, "agents dim"]
+    control: Float[Array, "agents dim inputs"] | None,
+    gradient: Float[Array, "agents dim"],
+    moving: Bool[Array, " agents"] | None = None,
 ) -> Float[Array, "agents inputs"]:
-    """g_i^T gradient_i of every agent."""
-    return gradient if control is None else jnp.einsum("adm,ad->am", control, gradient)
+    """g_i^T gradient_i of every agent; zero for those that do not move."""
+    ell = gradient if control is None else jnp.einsum("adm,ad->am", control, gradient)
+    return ell if moving is None else jnp.where(moving[:, None], ell, 0.0)

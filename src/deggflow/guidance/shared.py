@@ -71,7 +71,7 @@ class SharedRequirements(AbstractRequirement):
     Where all agents meet their rows, q_a <= beta_a for all tau (paper, thm:SE_finite_horizon).
 
     Args:
-        factors: Two at most at any one agent, as effective directions are made for two.
+        factors: Any number.
         sharing: The weights w_{a,i}.
     """
 
@@ -98,8 +98,10 @@ class SharedRequirements(AbstractRequirement):
         drift: Float[Array, "agents dim"],
         control: Float[Array, "agents dim inputs"] | None,
         condition: Any,
+        moving: Bool[Array, " agents"] | None = None,
     ) -> Rows:
         incident = self._incident(z.shape[0], condition)
+        acting = incident if moving is None else incident & moving[None]
 
         def values(
             tau: Float[Array, ""], z: Float[Array, "agents dim"]
@@ -110,13 +112,22 @@ class SharedRequirements(AbstractRequirement):
         dq_dtau, gradient = jax.vmap(pull_back)(jnp.eye(len(self.factors), dtype=q.dtype))
         gradient = jnp.where(incident[..., None], gradient, 0.0)
         bound, owed = self._owed(state, tau, q, dq_dtau)
-        ell = jax.vmap(lambda each: input_gradient(control, each))(gradient)
-        shares = self.sharing(ell, incident)
+        ell = jax.vmap(lambda each: input_gradient(control, each, moving))(gradient)
+        shares = self.sharing(ell, acting)
         zeta = shares.weight * owed[:, None]  # eqn:SE_finite_horizon_zeta
         b = jnp.sum(gradient * drift[None], axis=-1) + zeta
         # prop:c2_feasibility: where an agent must act, its effective direction is not zero.
         able = (b <= 0) | (jnp.sum(shares.direction**2, axis=-1) > 0)
-        return Rows(ell, b, q, bound, able)
+        return Rows(ell, b, q, bound, bound, able)
+
+    def landed(
+        self,
+        state: tuple[Any, ...],
+        tau: Float[Array, ""],
+        value: Float[Array, " rows"],
+        above: Bool[Array, " rows"],
+    ) -> tuple[Any, ...]:
+        return state  # the bounds stay; alpha leads back below them
 
     def _incident(self, agents: int, condition: Any) -> Bool[Array, "factors agents"]:
         given = [factor.incidence(condition) for factor in self.factors]

@@ -8,8 +8,11 @@ import abc
 from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
+
+from .active_set import project_origin, resolution
 
 DELTA = 0.02  # half width of the blend in phi_delta (paper, Task 1)
 
@@ -46,28 +49,36 @@ def phi(eta: Float[Array, "..."], delta: float = DELTA) -> Float[Array, "..."]:
 def effective_directions(
     ell: Float[Array, "factors agents inputs"], delta: float = DELTA
 ) -> Float[Array, "factors agents inputs"]:
-    """d_{a,i}: what is left of a row's direction when the part that works against the other row is taken out.
+    """d_{a,i}: what is left of a row's direction when what works against the agent's other rows is taken out.
 
-    Raises:
-        ValueError: More than two factors.
+    Moving against d_{a,i} brings factor a down and lets none of the others rise. Two factors: the paper's
+    directions, with phi_delta. More: the projection of ell_{a,i} onto the directions that no other row of
+    the agent opposes, which is the paper's with phi = min(eta, 0) where there are two.
 
-    Source: paper, before eqn:C2_weights.
+    Source: paper, before eqn:C2_weights; docs/theory.md for more than two.
     """
-    if ell.shape[0] > 2:
-        raise ValueError(
-            f"`ell` has {ell.shape[0]} factors; effective directions are defined for two at most "
-            "(paper, prop:c2_feasibility)."
-        )
     if ell.shape[0] < 2:
         return ell
     square = jnp.sum(ell**2, axis=-1)
     live = square > 0
     norm = jnp.sqrt(jnp.where(live, square, 1.0)) * live
     unit = ell / jnp.where(live, norm, 1.0)[..., None]
-    against = phi(jnp.clip(jnp.sum(unit[0] * unit[1], axis=-1), -1.0, 1.0), delta)
-    # A factor that an agent can't change leaves the other one as it is.
-    against = jnp.where(live[0] & live[1], against, 0.0)
-    return ell - (norm * against[None])[..., None] * unit[::-1]
+    if ell.shape[0] == 2:
+        against = phi(jnp.clip(jnp.sum(unit[0] * unit[1], axis=-1), -1.0, 1.0), delta)
+        # A factor that an agent can't change leaves the other one as it is.
+        against = jnp.where(live[0] & live[1], against, 0.0)
+        return ell - (norm * against[None])[..., None] * unit[::-1]
+    others = jnp.array([[b for b in range(len(ell)) if b != a] for a in range(len(ell))])
+    project = jax.vmap(jax.vmap(_unopposed), in_axes=(0, 1))
+    return norm[..., None] * project(unit, unit[others].swapaxes(1, 2).swapaxes(0, 1))
+
+
+def _unopposed(
+    direction: Float[Array, " inputs"], others: Float[Array, "others inputs"]
+) -> Float[Array, " inputs"]:
+    """The point nearest to a direction from which no other row points away: `others @ d >= 0`."""
+    shift, _ = project_origin(-others, -(others @ direction), resolution(direction.dtype))
+    return direction + shift
 
 
 def _normalised(

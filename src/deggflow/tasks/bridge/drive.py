@@ -49,6 +49,7 @@ def _beside_plank(plank: Pose) -> tuple[Lattice, Clear]:
     clear = around_plank(plank)
     end = (PLANK_LENGTH - PLANK_WIDTH) / 2 + CENTRE_SIDE + BESIDE
     pitch = 2 * end / np.ceil(2 * end / PITCH)
+    # 2 (CENTRE_SIDE + BESIDE) is 7 PITCH: rows lie the same way on both sides.
     columns, rows = lines(pitch, end), lines(PITCH, CENTRE_SIDE + BESIDE)
     return make_lattice(plank, columns, rows, clear), clear
 

@@ -7,11 +7,23 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from deggflow.jsonl import InputError, expect_number, expect_object, join, read_lines, shorten
+from deggflow.jsonl import (
+    InputError,
+    expect_flag,
+    expect_integer,
+    expect_number,
+    expect_object,
+    expect_reason,
+    join,
+    read_lines,
+    shorten,
+)
 
 from .condition import TrialCondition
+from .trial import MAX_SPEED, PolicyRecord, Trial, TrialCertificate
 from .world import (
     CONTACT_SIDE,
+    DT,
     MAX_ROBOTS,
     MIN_ROBOTS,
     PLANK_LENGTH,
@@ -23,9 +35,12 @@ from .world import (
 )
 
 MAX_ANGLE = 2 * math.pi + 1e-9  # rad
-MAX_SPEED = 100.0  # m/s and rad/s
 MAX_ACTIONS = 10_000
-_EDGE = 1e-6  # m by which a contact point may miss the plank's edge, as it was written in decimals
+MAX_SEED = 2**31 - 1  # JAX's keys are made from 32-bit integers
+MAX_DRAWS = 10_000  # as `generate` allows
+_ANYWHERE = 1e6  # m and rad; a nominal trial may end far out
+_ANY = 1e12  # for values of factors and margins
+_EDGE = 1e-6  # m by which what touches may miss or overlap, as it was written in decimals
 
 
 def _pose(value: Any, field: str) -> tuple[float, float, float]:
@@ -61,7 +76,7 @@ def _contacts(value: Any, field: str) -> tuple[tuple[float, float], ...]:
     points = tuple(_contact(item, f"{field}[{k}]") for k, item in enumerate(value))
     for k, (x, y) in enumerate(points):
         for j in range(k):
-            if y * points[j][1] > 0 and abs(x - points[j][0]) < 2 * ROBOT_RADIUS:
+            if y * points[j][1] > 0 and abs(x - points[j][0]) < 2 * ROBOT_RADIUS - _EDGE:
                 raise InputError(
                     f"robots {j + 1} and {k + 1} overlap: their contact points are "
                     f"{abs(x - points[j][0]):g} m apart, less than {2 * ROBOT_RADIUS:g} m",
@@ -82,23 +97,100 @@ def parse_condition(value: Any, field: str = "") -> TrialCondition:
     )
 
 
-def parse_twists(value: Any, field: str) -> Float[np.ndarray, "actions 3"]:
-    """A list of body twists [v_x, v_y, omega]; raises `InputError` with the field."""
+def _triples(value: Any, field: str, names: str, limit: float) -> Float[np.ndarray, "rows 3"]:
     if not isinstance(value, list) or len(value) > MAX_ACTIONS:
-        raise InputError(f"must be a list of at most {MAX_ACTIONS} twists", field=field)
+        raise InputError(f"must be a list of {names}, at most {MAX_ACTIONS}", field=field)
     rows = []
     for k, item in enumerate(value):
         if not isinstance(item, list) or len(item) != 3:
-            raise InputError("must be [v_x, v_y, omega]", field=f"{field}[{k}]")
+            raise InputError(f"must be {names}; got {shorten(item)}", field=f"{field}[{k}]")
         rows.append(
-            [
-                expect_number(v, f"{field}[{k}][{j}]", -MAX_SPEED, MAX_SPEED, "")
-                for j, v in enumerate(item)
-            ]
+            [expect_number(v, f"{field}[{k}][{j}]", -limit, limit, "") for j, v in enumerate(item)]
         )
     return np.array(rows, np.float64).reshape(-1, 3)
+
+
+def parse_twists(value: Any, field: str) -> Float[np.ndarray, "actions 3"]:
+    """A list of body twists [v_x, v_y, omega]; raises `InputError` with the field."""
+    return _triples(value, field, "[v_x, v_y, omega]", MAX_SPEED)
 
 
 def read_conditions(path: Path) -> list[TrialCondition]:
     """All conditions of a file, or `InputError` for the first that is wrong."""
     return read_lines(path, parse_condition, "bridge condition")
+
+
+def _poses(
+    value: Any, start: tuple[float, float, float], actions: int
+) -> Float[np.ndarray, "poses 3"]:
+    poses = _triples(value, "poses", "[x, y, theta]", _ANYWHERE)
+    if len(poses) != actions + 1:
+        raise InputError(
+            f"must hold one pose more than there are twists, {actions + 1}; got {len(poses)}",
+            field="poses",
+        )
+    if np.abs(poses[0] - start).max() > _EDGE:
+        raise InputError("must be the condition's plank pose", field="poses[0]")
+    return poses
+
+
+def _policy(value: Any, field: str) -> PolicyRecord:
+    keys = ("q_task", "bound", "q_safe", "draws", "accepted")
+    given = expect_object(value, field, keys, keys)
+    q_task, bound, q_safe = (
+        expect_number(given[key], join(field, key), -_ANY, _ANY, "") for key in keys[:3]
+    )
+    return PolicyRecord(
+        q_task,
+        bound,
+        q_safe,
+        expect_integer(given["draws"], join(field, "draws"), 1, MAX_DRAWS),
+        expect_flag(given["accepted"], join(field, "accepted")),
+    )
+
+
+def _certificate(value: Any, field: str) -> TrialCertificate:
+    keys = ("satisfied", "min_margin", "violation", "draws", "reason", "policies")
+    given = expect_object(value, field, keys, keys)
+    policies = given["policies"]
+    if not isinstance(policies, list) or len(policies) > MAX_ACTIONS:
+        raise InputError(
+            f"must be a list of at most {MAX_ACTIONS} policies", field=join(field, "policies")
+        )
+    return TrialCertificate(
+        expect_flag(given["satisfied"], join(field, "satisfied")),
+        expect_number(given["min_margin"], join(field, "min_margin"), -_ANY, _ANY, "m"),
+        expect_number(given["violation"], join(field, "violation"), 0.0, _ANY, ""),
+        expect_integer(given["draws"], join(field, "draws"), 1, MAX_DRAWS),
+        expect_reason(given["reason"], join(field, "reason")),
+        tuple(_policy(item, f"{field}.policies[{k}]") for k, item in enumerate(policies)),
+    )
+
+
+def parse_trial(value: Any) -> Trial:
+    """A trial from its JSON object; raises `InputError` with the field."""
+    keys = ("condition", "dt", "twists", "poses", "outcome", "certificate", "seed")
+    given = expect_object(value, "", keys, keys)
+    condition = parse_condition(given["condition"], "condition")
+    if given["dt"] != DT:
+        raise InputError(
+            f"must be {DT}, the seconds of an action; got {shorten(given['dt'])}", field="dt"
+        )
+    twists = parse_twists(given["twists"], "twists")
+    poses = _poses(given["poses"], condition.plank, len(twists))
+    outcome = expect_object(
+        given["outcome"], "outcome", ("success", "reason"), ("success", "reason")
+    )
+    success = expect_flag(outcome["success"], "outcome.success")
+    reason = expect_reason(outcome["reason"], "outcome.reason")
+    if success != (reason is None) or reason == "":
+        needed = "be null, as the trial succeeded" if success else "say why the trial failed"
+        raise InputError(f"must {needed}", field="outcome.reason")
+    certificate = _certificate(given["certificate"], "certificate")
+    seed = expect_integer(given["seed"], "seed", 0, MAX_SEED)
+    return Trial(condition, twists, poses, success, reason, certificate, seed)
+
+
+def read_trials(path: Path) -> list[Trial]:
+    """All trials of a file, or `InputError` for the first that is wrong."""
+    return read_lines(path, parse_trial, "bridge trial")

@@ -6,7 +6,7 @@ nothing broken on the way; else it is drawn again, and where no draw serves, the
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -18,13 +18,33 @@ from .codec import continuation
 from .condition import BridgeCondition, TrialCondition, padded_robots, take
 from .field import BridgeField
 from .policies import POWER, STEPS, Policies, PolicyGenerator, initial_noise
-from .trial import PolicyRecord, Trial, TrialCertificate
+from .trial import MAX_SPEED, PolicyRecord, Trial, TrialCertificate
 from .verdict import Verdict, bridges, execute, margins
 from .world import EXECUTED, HORIZON
 
 MAX_DRAWS = 8
 MAX_POLICIES = 60  # of a trial: 48 s
 STARTS_BROKEN = "at the start "
+_DIVERGED = 1e9  # q of a policy whose generation diverged; files hold finite numbers
+
+
+class Round(NamedTuple):
+    """The next policy of every trial under way, about to be generated."""
+
+    policy: int  # its number in the trial, from 0
+    trials: tuple[int, ...]  # their numbers in the run
+    condition: BridgeCondition  # of these trials; numpy arrays in float64
+
+
+class Replay(NamedTuple):
+    """A trial, and what each of its policies was conditioned on."""
+
+    trial: Trial
+    conditions: list[BridgeCondition]  # of one trial each; numpy arrays in float64
+
+
+def _nobody(_: Round) -> None:
+    """Watches no round."""
 
 
 class _Running:
@@ -128,7 +148,7 @@ class BridgeGenerator:
         seed: int = 0,
         first: int = 0,
         max_draws: int = MAX_DRAWS,
-        on_policy: Callable[[int, int], None] = lambda policy, running: None,
+        on_round: Callable[[Round], None] = _nobody,
     ) -> list[Trial]:
         """Trials with certificates.
 
@@ -137,7 +157,7 @@ class BridgeGenerator:
             seed: With a trial's, a policy's and a draw's number, decides z(0).
             first: Number of the first condition in the run.
             max_draws: Limit for each policy; without guidance every policy is executed as it is drawn.
-            on_policy: Told the number of the policy and how many trials are under way.
+            on_round: Told before each policy what it is conditioned on.
         """
         runs = [_Running(condition, first + k) for k, condition in enumerate(conditions)]
         agents = padded_robots(max(len(c.contacts) for c in conditions))
@@ -145,14 +165,29 @@ class BridgeGenerator:
             under_way = [run for run in runs if not run.over]
             if not under_way:
                 break
-            on_policy(policy, len(under_way))
-            self._advance(under_way, agents, seed, policy, max_draws)
+            condition = _stack(under_way, agents)
+            on_round(Round(policy, tuple(run.number for run in under_way), condition))
+            self._advance(under_way, condition, seed, policy, max_draws)
         return [run.finish(seed) for run in runs]
 
+    def replay(
+        self, condition: TrialCondition, *, seed: int, number: int, max_draws: int = MAX_DRAWS
+    ) -> Replay:
+        """One trial of a run again, with what its policies were conditioned on; arguments as in `trials`."""
+        rounds: list[Round] = []
+        (trial,) = self.trials(
+            [condition], seed=seed, first=number, max_draws=max_draws, on_round=rounds.append
+        )
+        return Replay(trial, [take(each.condition, 0) for each in rounds])
+
     def _advance(
-        self, runs: list[_Running], agents: int, seed: int, policy: int, max_draws: int
+        self,
+        runs: list[_Running],
+        condition: BridgeCondition,
+        seed: int,
+        policy: int,
+        max_draws: int,
     ) -> None:
-        condition = _stack(runs, agents)
         pending = list(range(len(runs)))
         refused: dict[int, tuple[PolicyRecord, str]] = {}
         for number in range(max_draws if self.guided else 1):
@@ -182,8 +217,8 @@ class BridgeGenerator:
         record = PolicyRecord(
             float(drawn.q_task[row]), float(drawn.bound[row]), float(drawn.q_safe[row]), draws, True
         )
-        if not np.isfinite(plan).all():
-            record = PolicyRecord(float("inf"), record.bound, float("inf"), draws, False)
+        if not (np.abs(plan) <= MAX_SPEED).all():  # nor if it is not a number
+            record = PolicyRecord(_DIVERGED, record.bound, _DIVERGED, draws, False)
             return record, f"policy {policy + 1}: the generation diverged"
         verdict = execute(run.pose, plan[:EXECUTED], run.condition.contacts)
         if self.guided and (not record.met or verdict.reason is not None):
@@ -198,7 +233,7 @@ def _refusal(run: _Running, drawn: Policies, row: int, verdict: Verdict, policy:
     if drawn.q_task[row] > drawn.bound[row]:
         missed.append(f"q_task misses its bound by {drawn.q_task[row] - drawn.bound[row]:.3g}")
     if drawn.q_safe[row] > 0:
-        missed.append(f"q_safe by {drawn.q_safe[row]:.3g}")
+        missed.append(f"q_safe misses its bound by {drawn.q_safe[row]:.3g}")
     if verdict.reason is not None:
         missed.append(f"on the way {verdict.reason}")
     stuck = drawn.stuck[row][: len(run.condition.contacts)]

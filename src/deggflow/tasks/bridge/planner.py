@@ -2,8 +2,8 @@
 
 One robot after the other gets its best way through what the earlier ones leave free, by dynamic
 programming over ticks: all points of the roadmap at once, so there is nothing to guess. Where a robot
-finds none, it goes first and all begins anew (Erdmann and Lozano-Perez 1987; Silver 2005; the regard for
-robots that still stand at their starts: Cap et al. 2015).
+finds none, it goes first and all begins anew (Erdmann and Lozano-Pérez 1987; Silver 2005; the regard for
+robots that still stand at their starts: Čáp et al. 2015).
 """
 
 from typing import NamedTuple

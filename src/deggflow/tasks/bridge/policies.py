@@ -12,6 +12,7 @@ from jaxtyping import Array, Float, Int
 from deggflow.generation import Trace, generate, refined_grid
 from deggflow.guidance import AbstractGuidance, NoGuidance
 from deggflow.redraw import BATCHES, padded_batch
+from deggflow.step_guard import StepGuard
 
 from .codec import decode_twists
 from .condition import BridgeCondition, Scales, take
@@ -20,6 +21,7 @@ from .requirements import final_values
 from .world import AGENT_DIM, MAX_ROBOTS
 
 STEPS, POWER = 50, 1.0  # of the grid that policies are generated on
+GUARD = StepGuard()
 
 
 class Policies(NamedTuple):
@@ -46,9 +48,10 @@ def _draw(
     noise: Float[Array, "trials agents dim"],
     condition: BridgeCondition,
     grid: Float[Array, " points"],
+    guard: StepGuard | None,
 ) -> _Drawn:
     def one(z0: Float[Array, "agents dim"], trial: BridgeCondition) -> _Drawn:
-        out = generate(field.under(trial), guidance, z0, trial, grid=grid)
+        out = generate(field.under(trial), guidance, z0, trial, grid=grid, guard=guard)
         bad = out.trace.infeasible | ~jnp.all(out.trace.able, axis=1)
         stuck = jnp.sum(bad & trial.mask[None], axis=0)
         return _Drawn(out.z, stuck, jnp.max(out.trace.effort, axis=0))
@@ -63,8 +66,9 @@ def _trace(
     z0: Float[Array, "agents dim"],
     condition: BridgeCondition,
     grid: Float[Array, " points"],
+    guard: StepGuard | None,
 ) -> Trace:
-    return generate(field.under(condition), guidance, z0, condition, grid=grid).trace
+    return generate(field.under(condition), guidance, z0, condition, grid=grid, guard=guard).trace
 
 
 @partial(jax.jit, static_argnums=2)
@@ -114,10 +118,12 @@ class PolicyGenerator:
         *,
         steps: int = STEPS,
         power: float = POWER,
+        guard: StepGuard | None = GUARD,
     ) -> None:
         """Args: field: nominal field; guidance: `NoGuidance()` if None; steps, power: of `refined_grid`."""
         self.field, self.grid = field, refined_grid(steps, power)
         self.guidance = NoGuidance() if guidance is None else guidance
+        self.guard = None if guidance is None else guard
 
     def batch(
         self, noise: Float[np.ndarray, "trials agents dim"], condition: BridgeCondition
@@ -140,7 +146,7 @@ class PolicyGenerator:
         self, noise: Float[np.ndarray, "trials agents dim"], condition: BridgeCondition
     ) -> Policies:
         single = jax.tree.map(_single, condition)
-        drawn = _draw(self.field, self.guidance, jnp.asarray(noise), single, self.grid)
+        drawn = _draw(self.field, self.guidance, jnp.asarray(noise), single, self.grid, self.guard)
         with jax.enable_x64(True):
             z = jnp.asarray(np.asarray(drawn.z), jnp.float64)
             exact = jax.tree.map(jnp.asarray, condition)
@@ -154,7 +160,9 @@ class PolicyGenerator:
         """The generation of one trial's policy step by step."""
         agents = condition.mask.shape[0]
         single = jax.tree.map(_single, condition)
-        return _trace(self.field, self.guidance, jnp.asarray(z0[:agents]), single, self.grid)
+        return _trace(
+            self.field, self.guidance, jnp.asarray(z0[:agents]), single, self.grid, self.guard
+        )
 
 
 def _single(leaf: np.ndarray) -> Array:

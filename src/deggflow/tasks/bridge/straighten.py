@@ -47,10 +47,10 @@ def _relaxed(
             continue
         later = np.arange(knot + 1, count)
         start = np.broadcast_to(way.points[knot], (len(later), 2))
-        straight = clear(start, way.points[later])
-        straight[0] = True  # as the way goes
-        later = later[straight]
-        later = later[_apart(way, knot, later, others, clearance - EXACT)]
+        free = clear(start, way.points[later])
+        free[free] = _apart(way, knot, later[free], others, clearance - EXACT)
+        free[0] = True  # as the way goes
+        later = later[free]
         lasts = way.ticks[later] - way.ticks[knot]
         value = energy[knot] + np.sum((way.points[later] - way.points[knot]) ** 2, -1) / lasts
         better = value < energy[later]

@@ -9,6 +9,8 @@ from jaxtyping import Float
 from .condition import TrialCondition
 from .world import DT
 
+MAX_SPEED = 100.0  # m/s and rad/s; what is faster has diverged, and trial files do not hold it
+
 
 @dataclass(frozen=True)
 class PolicyRecord:

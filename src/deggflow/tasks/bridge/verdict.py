@@ -44,7 +44,7 @@ class Margins(NamedTuple):
     def least(self) -> Float[np.ndarray, "..."]:
         """Smallest margin at each pose."""
         robots = np.minimum(self.wall.min(-1), self.gap.min(-1))
-        return np.minimum(np.minimum(self.plank, self.support), robots)
+        return np.asarray(np.minimum(np.minimum(self.plank, self.support), robots))
 
     def reason(self, at: int) -> str:
         """What is broken most at one pose of a sequence."""
@@ -103,7 +103,7 @@ def bridges(poses: Poses) -> Bool[np.ndarray, "..."]:
     passable = (poses[..., 0] - way <= GAP_LEFT - CORRIDOR) & (
         poses[..., 0] + way >= GAP_RIGHT + CORRIDOR
     )
-    return supported & passable
+    return np.asarray(supported & passable)
 
 
 def move(pose: Poses, twist: Poses, seconds: float = DT) -> Poses:

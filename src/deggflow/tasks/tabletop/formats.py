@@ -9,8 +9,11 @@ import numpy as np
 from deggflow.certificate import Certificate
 from deggflow.jsonl import (
     InputError,
+    expect_flag,
+    expect_integer,
     expect_number,
     expect_object,
+    expect_reason,
     join,
     read_lines,
     shorten,
@@ -89,22 +92,12 @@ def read_conditions(path: Path) -> list[SceneCondition]:
     return read_lines(path, parse_condition, "tabletop condition")
 
 
-def _integer(value: Any, field: str, low: int, high: int) -> int:
-    if not isinstance(value, int) or isinstance(value, bool):
-        raise InputError("must be an integer", field=field)
-    if not low <= value <= high:
-        raise InputError(f"must lie in [{low}, {high}]; got {shorten(value)}", field=field)
-    return value
-
-
 def _certificate(value: Any, field: str) -> Certificate:
     keys = ("satisfied", "min_margin", "violation", "draws", "reason")
     given = expect_object(value, field, keys, keys)
-    if not isinstance(given["satisfied"], bool):
-        raise InputError("must be true or false", field=join(field, "satisfied"))
-    _integer(given["draws"], join(field, "draws"), 1, MAX_DRAWS)
-    if not isinstance(given["reason"], str | None):
-        raise InputError("must be text or null", field=join(field, "reason"))
+    expect_flag(given["satisfied"], join(field, "satisfied"))
+    expect_integer(given["draws"], join(field, "draws"), 1, MAX_DRAWS)
+    expect_reason(given["reason"], join(field, "reason"))
     for key in ("min_margin", "violation"):
         expect_number(given[key], join(field, key), -1e12, 1e12, "")
     return Certificate(**given)
@@ -130,7 +123,7 @@ def parse_scene(value: Any) -> Scene:
                 for key in ("x", "y", "theta")
             ]
         )
-    seed = _integer(given["seed"], "seed", 0, MAX_SEED)
+    seed = expect_integer(given["seed"], "seed", 0, MAX_SEED)
     certificate = _certificate(given["certificate"], "certificate")
     return Scene(condition, np.array(poses), certificate, seed)
 

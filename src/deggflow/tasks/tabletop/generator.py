@@ -53,6 +53,7 @@ def tabletop_guidance(
         violation=HingeViolation(BUFFER),
         allocation=allocation,
         reanchored=reanchored,
+        floor=BUFFER**2 / 2,
         name="affordance",
     )
     return DecoupledGuidance((requirement,))

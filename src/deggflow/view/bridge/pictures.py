@@ -107,8 +107,8 @@ def compare(
 
 
 def last_of_building(process: Process) -> int:
-    """The last tick of "build"; the last of all, if the process ended before."""
-    ticks = [tick for tick, stage in enumerate(process.stage) if stage == "build"]
+    """The last tick before robots cross; the last of all, if the process ended before."""
+    ticks = [tick for tick, stage in enumerate(process.stage) if stage != "cross"]
     return ticks[-1] if ticks else len(process.stage) - 1
 
 

@@ -60,12 +60,13 @@ def draw_bounds(
     _check_panels(panels)
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(2.5 * len(panels) + 0.4, 2.3), layout="constrained")
+    figure = Figure(figsize=(2.5 * len(panels) + 0.4, 2.5), layout="constrained")
     row = figure.subplots(1, len(panels), squeeze=False)[0]
     for axes, panel in zip(row, panels, strict=True):
         _draw_bound(axes, panel, ylabel)
     row[0].set_ylabel(ylabel)
-    row[0].legend(frameon=False, fontsize=8, loc="upper right")
+    entries = row[0].get_legend_handles_labels()
+    figure.legend(*entries, frameon=False, fontsize=9, loc="outside upper center", ncols=2)
     _save(figure, Path(path))
 
 

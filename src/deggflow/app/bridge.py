@@ -1,0 +1,262 @@
+"""`deggflow bridge`: data, train, generate, evaluate, render."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from deggflow.jsonl import InputError, ResumableOutput
+
+from .runs import (
+    MAX_COUNT,
+    MAX_SEED,
+    deliver,
+    digest,
+    in_range,
+    load,
+    shown_training,
+    training_config,
+    wanted,
+)
+from .session import NOT_SATISFIED, SATISFIED, console, prepare_jax, progress
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+    from deggflow.tasks.bridge.condition import TrialCondition
+    from deggflow.tasks.bridge.field import BridgeField
+    from deggflow.tasks.bridge.generator import BridgeGenerator, Round
+    from deggflow.tasks.bridge.trial import Trial
+
+
+def data(out: Path, training: int = 3_000, validation: int = 200, seed: int = 0) -> int:
+    """Make training and validation demonstrations with 4, 5 and 6 robots.
+
+    Args:
+        out: Folder that receives training.jsonl and validation.jsonl. A killed call is completed by the same call.
+        training: Training demonstrations of each size.
+        validation: Validation demonstrations of each size.
+        seed: Seed of the demonstrations.
+    """
+    in_range("training", training, 1, MAX_COUNT)
+    in_range("validation", validation, 1, MAX_COUNT)
+    in_range("seed", seed, 0, MAX_SEED // 2)  # training and validation use 2 seed and 2 seed + 1
+    prepare_jax()
+    from deggflow.tasks.bridge.data import Recipe, write_data
+
+    recipe = Recipe(training=training, validation=validation, seed=seed)
+    with progress() as bars:
+        bar = bars.add_task("demonstrations", total=None)
+        write_data(out, recipe, lambda done, total: bars.update(bar, completed=done, total=total))
+    console().print(f"Training and validation demonstrations are in {out}.")
+    return SATISFIED
+
+
+def train(
+    data: Path,
+    out: Path,
+    steps: int = 40_000,
+    batch: int = 256,
+    learning_rate: float = 1e-3,
+    seed: int = 0,
+) -> int:
+    """Train a nominal field; the same call goes on where a killed one stopped.
+
+    Args:
+        data: Folder with training.jsonl and validation.jsonl.
+        out: Folder that receives checkpoints, curves.csv, curves.png, field.safetensors and its card field.json.
+        steps: Training steps, a multiple of 500.
+        batch: Policies a step.
+        learning_rate: Peak of the cosine schedule.
+        seed: Seed of initial weights, batches and noise.
+    """
+    prepare_jax()
+    config = training_config(steps, batch, learning_rate, seed)
+    from deggflow.tasks.bridge.training import train_field
+
+    with shown_training(steps, out) as show:
+        train_field(data, out, config, show)
+    console().print(f"Weights, card and curves are in {out}.")
+    return SATISFIED
+
+
+def make_generator(field: "BridgeField", guidance: str) -> "BridgeGenerator":
+    """A generator for a field and a guidance by name."""
+    from deggflow.tasks.bridge.generator import BridgeGenerator
+    from deggflow.tasks.bridge.requirements import bridge_guidance
+
+    return BridgeGenerator(field, bridge_guidance(field.scales) if guidance == "degg" else None)
+
+
+def _load_field(weights: Path | None) -> "BridgeField":
+    from deggflow.tasks.bridge.field import load_field
+
+    return load(load_field, weights)
+
+
+def generate(
+    conditions: Path | None = None,
+    size: int | None = None,
+    count: int | None = None,
+    seed: int = 0,
+    out: Path | None = None,
+    guidance: Literal["degg", "none"] = "degg",
+    max_draws: int = 8,
+    weights: Path | None = None,
+) -> int:
+    """Generate trials, from the start until the bridge is built, each with its certificate, as JSON Lines.
+
+    Exit code 0: every trial bridges the gap (or --guidance none); 3: some do not, and their lines say why;
+    2: bad input.
+
+    Args:
+        conditions: File of conditions, one JSON object a line.
+        size: Instead of a file: number of robots of randomly drawn trials, 2 to 8.
+        count: How many trials to draw with --size (default 1).
+        seed: Seed of drawn conditions and of z(0).
+        out: File that receives the trials, line by line; the same call completes it after a kill. Default: stdout.
+        guidance: degg: guided; none: the nominal field alone, every policy as it is drawn.
+        max_draws: How often a policy is drawn anew until it is below its bounds; then the team stops.
+        weights: Another weights file (.safetensors, card beside it).
+    """
+    in_range("max-draws", max_draws, 1, 10_000)
+    in_range("seed", seed, 0, MAX_SEED)
+    prepare_jax()
+    from deggflow.tasks.bridge.formats import read_conditions
+    from deggflow.tasks.bridge.scenes import random_conditions
+    from deggflow.tasks.bridge.world import MAX_ROBOTS, MIN_ROBOTS
+
+    asked = wanted(
+        conditions,
+        size,
+        count,
+        sizes=(MIN_ROBOTS, MAX_ROBOTS),
+        read=read_conditions,
+        draw=lambda size, first, many: random_conditions(size, many, seed, first),
+    )
+    settings = {
+        "command": "bridge generate",
+        "conditions": digest(conditions),
+        "size": asked.size,
+        "count": asked.count,
+        "seed": seed,
+        "guidance": guidance,
+        "max_draws": max_draws,
+        "weights": None if weights is None else str(weights),
+    }
+    target = None if out is None else ResumableOutput(out, settings)
+    generator = make_generator(_load_field(weights), guidance)
+
+    def chunks(first: int, bars: "Progress") -> "Iterator[list[Trial]]":
+        bar = bars.add_task("policies", total=None)
+
+        def show(found: "Round") -> None:
+            text = f"policy {found.policy + 1} of {len(found.trials)} trials under way"
+            bars.update(bar, description=text)
+
+        def make(conditions: "list[TrialCondition]", first: int) -> "list[Trial]":
+            return generator.trials(
+                conditions, seed=seed, first=first, max_draws=max_draws, on_round=show
+            )
+
+        return asked.chunks(make, first)
+
+    failed = deliver(
+        target, asked.count, "trials", lambda row: not row["outcome"]["success"], chunks
+    )
+    where = "" if out is None else f" They are in {out}."
+    noun = "trial bridges" if asked.count == 1 else "trials bridge"
+    console().print(f"{asked.count - failed} of {asked.count} {noun} the gap.{where}")
+    return NOT_SATISFIED if failed and guidance == "degg" else SATISFIED
+
+
+def evaluate(
+    trials: int = 50,
+    sizes: tuple[int, ...] = (4, 5, 6, 7, 8),
+    seed: int = 1,
+    max_draws: int = 8,
+    modes: int = 0,
+    figure: Path | None = None,
+    out: Path | None = None,
+    weights: Path | None = None,
+) -> int:
+    """Measure success and every policy: nominal beside guided, every outcome replayed by an independent oracle.
+
+    Args:
+        trials: Random trials of each size.
+        sizes: Numbers of robots.
+        seed: Seed of trials and of z(0).
+        max_draws: How often a policy is drawn anew.
+        modes: Instead: so many trials from one symmetric start, and on which side planks pass.
+        figure: With --modes: file that receives the planks' ways as a figure (.png, .pdf or .svg).
+        out: JSON Lines file that receives the rows; the same call completes it after a kill.
+        weights: Another weights file (.safetensors, card beside it).
+    """
+    from deggflow.tasks.bridge.world import MAX_ROBOTS, MIN_ROBOTS
+
+    in_range("trials", trials, 1, MAX_COUNT)
+    in_range("seed", seed, 0, MAX_SEED)
+    in_range("max-draws", max_draws, 1, 10_000)
+    in_range("modes", modes, 0, MAX_COUNT)
+    for size in sizes or (0,):
+        in_range("sizes", size, MIN_ROBOTS, MAX_ROBOTS)
+    if figure is not None and (not modes or figure.suffix not in (".png", ".pdf", ".svg")):
+        raise InputError("--figure goes with --modes, and ends in .png, .pdf or .svg")
+    prepare_jax()
+    from .bridge_evaluation import run_evaluation, run_modes
+
+    field = _load_field(weights)
+    settings = {
+        "command": "bridge evaluate",
+        "seed": seed,
+        "max_draws": max_draws,
+        "weights": None if weights is None else str(weights),
+    }
+    if modes:
+        return run_modes(field, {**settings, "modes": modes}, out, figure)
+    return run_evaluation(field, {**settings, "trials": trials, "sizes": list(sizes)}, out)
+
+
+def render(
+    trials: Annotated[Path, tyro.conf.Positional],
+    out: Path = Path("pictures"),
+    lines: tuple[int, ...] = (),
+    nominal: bool = False,
+    process: bool = False,
+    video: bool = False,
+    curves: bool = False,
+    renderer: Literal["auto", "mujoco", "matplotlib"] = "auto",
+    weights: Path | None = None,
+) -> int:
+    """Draw trials of a file, start and end of each; what failed is red.
+
+    Args:
+        trials: File of trials, as `generate` writes it.
+        out: Folder that receives the pictures.
+        lines: Which lines of the file, from 1 (default: the first 12).
+        nominal: Draw the end of the nominal trial from the same start and z(0) beside each.
+        process: Also draw the complete process: robots drive to the plank, build the bridge, cross it.
+        video: Also write a video, of the complete process with --process, beside the nominal one with --nominal.
+        curves: Also draw q_task and q_safe under their bounds while an early, a middle and a late policy were generated.
+        renderer: auto: MuJoCo where a GL library is found, else a top view by matplotlib.
+        weights: Weights the trials were generated with, for --nominal and --curves.
+    """
+    prepare_jax()
+    from deggflow.tasks.bridge.formats import read_trials
+
+    found = read_trials(trials)
+    chosen = lines or tuple(range(1, min(len(found), 12) + 1))
+    for line in chosen:
+        in_range("lines", line, 1, len(found))
+    from .bridge_pictures import Wishes, draw
+
+    generator = make_generator(_load_field(weights), "degg") if nominal or curves else None
+    wishes = Wishes(nominal, process, video, curves, renderer)
+    for line in chosen:
+        try:
+            for path in draw(found[line - 1], line, out, wishes, generator):
+                print(path, flush=True)
+        except InputError as error:
+            raise InputError(error.reason, file=trials, line=line) from None
+    return SATISFIED

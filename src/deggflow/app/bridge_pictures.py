@@ -1,0 +1,181 @@
+"""Pictures, videos and curves of trials."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import UInt8
+
+from deggflow.jsonl import InputError
+from deggflow.tasks.bridge.assembly import Surroundings, assemble, surroundings
+from deggflow.tasks.bridge.condition import BridgeCondition
+from deggflow.tasks.bridge.generator import BridgeGenerator
+from deggflow.tasks.bridge.policies import PolicyGenerator, initial_noise
+from deggflow.tasks.bridge.trial import Trial
+from deggflow.tasks.bridge.world import DT, EXECUTED
+from deggflow.view.bridge import (
+    BoundPanel,
+    compare,
+    draw_bounds,
+    picture,
+    snapshots,
+    write_process_video,
+)
+from deggflow.view.bridge.pictures import FAULT_INK
+from deggflow.view.picture import GREY, panels, save_png
+from deggflow.view.stage import RendererName
+
+from .session import console
+
+SAME_PLACE = 0.02  # m or rad; other seeds lead elsewhere
+
+Image = UInt8[np.ndarray, "rows columns 3"]
+
+
+class Wishes(NamedTuple):
+    """What is to be drawn of each trial."""
+
+    nominal: bool
+    process: bool
+    video: bool
+    curves: bool
+    renderer: RendererName
+
+
+def regenerate(generator: BridgeGenerator, trial: Trial, line: int) -> list[BridgeCondition]:
+    """What a trial's policies were conditioned on, by generating it again from its seed and line.
+
+    Raises:
+        InputError: The trial is not what the generator makes of that seed and line.
+    """
+    again = generator.replay(
+        trial.condition, seed=trial.seed, number=line - 1, max_draws=trial.certificate.draws
+    )
+    poses = again.trial.poses
+    # Another batch size rounds differently; in closed loop that grows to a tenth of a millimetre.
+    if poses.shape == trial.poses.shape and np.abs(poses - trial.poses).max() < SAME_PLACE:
+        return again.conditions
+    raise InputError(
+        "can't be generated again from its seed and line; --nominal and --curves need the file as "
+        "`generate --guidance degg` wrote it, and the same --weights"
+    )
+
+
+def draw(
+    trial: Trial, line: int, out: Path, wishes: Wishes, generator: BridgeGenerator | None
+) -> list[Path]:
+    """Writes `trial_<line>.png` into a folder and, beside it, what else is wished; returns the paths.
+
+    Args:
+        trial: The trial.
+        line: Its line in the file, from 1.
+        out: The folder.
+        wishes: What is to be drawn.
+        generator: What made the trial; needed for nominal trials and curves.
+    """
+    conditions = None if generator is None else regenerate(generator, trial, line)
+    around = surroundings(trial.condition, trial.seed, line, drives=wishes.process)
+    if around.lacking is not None:
+        _tell(f"Trial {line} is shown from its contact points on: {around.lacking}.")
+    twin = _twin(generator, trial, line) if wishes.nominal and generator is not None else None
+    path = out / f"trial_{line:04d}.png"
+    written = [path]
+    save_png(path, _building(trial, twin, around._replace(drive=None), wishes.renderer))
+    process = assemble(trial, around) if wishes.process or wishes.video else None
+    if wishes.process and process is not None:
+        written.append(path.with_stem(f"{path.stem}_process"))
+        save_png(written[-1], snapshots(process, renderer=wishes.renderer))
+    if wishes.video and process is not None:
+        written.append(path.with_suffix(".mp4"))
+        left = None if twin is None else assemble(twin, around)
+        write_process_video(written[-1], process, left=left, renderer=wishes.renderer)
+    if wishes.curves and generator is not None and conditions is not None:
+        written += _draw_curves(generator.policies, trial, line, conditions, path)
+    return written
+
+
+def _tell(text: str) -> None:
+    console().print(text, soft_wrap=True, markup=False)
+
+
+def _twin(generator: BridgeGenerator, trial: Trial, line: int) -> Trial:
+    """The nominal trial from the same start and z(0)."""
+    nominal = BridgeGenerator(generator.policies.field)
+    return nominal.trials([trial.condition], seed=trial.seed, first=line - 1)[0]
+
+
+def _building(
+    trial: Trial, twin: Trial | None, around: Surroundings, renderer: RendererName
+) -> Image:
+    """Start and end of building; the end beside that of the nominal trial, if there is one."""
+    process = assemble(trial, around)
+    if twin is not None:
+        captions = _caption(twin), _caption(trial)
+        return compare(assemble(twin, around), process, captions=captions, renderer=renderer)
+    images = [picture(process, tick, width=960, height=540, renderer=renderer) for tick in (0, -1)]
+    return panels(
+        images,
+        titles=("start", f"after {len(trial.twists) * DT:.1f} s"),
+        captions=("", _caption(trial)),
+        inks=(GREY, FAULT_INK if trial.reason else GREY),
+    )
+
+
+def _caption(trial: Trial) -> str:
+    if trial.reason is not None:
+        return trial.reason
+    spare = 1000 * trial.certificate.min_margin
+    return f"bridge built in {len(trial.twists) * DT:.1f} s, {spare:.0f} mm to spare"
+
+
+class _Course(NamedTuple):
+    """One policy's generation."""
+
+    title: str
+    tau: np.ndarray
+    values: np.ndarray  # q_task, q_safe
+    bounds: np.ndarray
+
+
+def _course(
+    policies: PolicyGenerator, trial: Trial, line: int, condition: BridgeCondition, policy: int
+) -> _Course:
+    record = trial.certificate.policies[policy]
+    draw_number = record.draws - 1 if record.accepted else 0
+    noise = initial_noise(trial.seed, np.array([line - 1]), policy, draw_number)
+    trace = policies.trace(noise[0], condition)
+    end = policies.batch(noise, jax.tree.map(lambda leaf: leaf[None], condition))
+    before = np.asarray(trace.tau) < 1.0  # the end is taken in float64
+    refused = "" if record.accepted else ", refused"
+    return _Course(
+        f"policy {policy + 1}, at {policy * EXECUTED * DT:.1f} s{refused}",
+        np.append(np.asarray(trace.tau)[before], 1.0),
+        np.vstack([np.asarray(trace.value)[before], [end.q_task[0], end.q_safe[0]]]),
+        np.vstack([np.asarray(trace.bound)[before], [end.bound[0], 0.0]]),
+    )
+
+
+def _draw_curves(
+    policies: PolicyGenerator,
+    trial: Trial,
+    line: int,
+    conditions: list[BridgeCondition],
+    path: Path,
+) -> list[Path]:
+    """Figures of q_task and q_safe for the first policy, one in the middle, and the last."""
+    last = len(conditions) - 1
+    if last < 0:
+        _tell(f"Trial {line} has no policies, so it has no curves.")
+        return []
+    chosen = sorted({0, last // 2, last})
+    courses = [_course(policies, trial, line, conditions[k], k) for k in chosen]
+    written = []
+    for row, name, label in ((0, "task", r"$q_\mathrm{task}$"), (1, "safe", r"$q_\mathrm{safe}$")):
+        shown = [
+            BoundPanel(c.title, c.tau, c.values[:, row], c.bounds[:, row], c.bounds[-1, row])
+            for c in courses
+        ]
+        written.append(path.with_stem(f"{path.stem}_q_{name}"))
+        draw_bounds(written[-1], shown, ylabel=label)
+    return written

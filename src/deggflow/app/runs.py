@@ -1,0 +1,207 @@
+"""What runs share: which conditions are wanted, results and rows that survive a kill, training shown."""
+
+import json
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, runtime_checkable
+
+from deggflow.jsonl import InputError, ResumableOutput
+
+from .session import progress
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+    from deggflow.train import Curve, TrainingConfig
+
+C = TypeVar("C")
+F = TypeVar("F")
+
+CHUNK = 512  # results between two writes of a long run
+MAX_COUNT = 1_000_000
+MAX_SEED = 2**31 - 1  # JAX's keys are made from 32-bit integers
+
+
+@runtime_checkable
+class Written(Protocol):
+    """Whatever has a line in a file."""
+
+    def to_json(self) -> Mapping[str, Any]:
+        """As it stands in a file."""
+
+
+R = TypeVar("R", bound=Written)
+
+
+def in_range(name: str, value: int, low: int, high: int) -> None:
+    """Refuses an argument that lies outside."""
+    if not low <= value <= high:
+        raise InputError(f"--{name} must lie in [{low}, {high}]; got {value}")
+
+
+def digest(path: Path | None) -> str | None:
+    """What tells one input file from another."""
+    from hashlib import sha256
+
+    return None if path is None else sha256(path.read_bytes()).hexdigest()
+
+
+def load(loader: Callable[[Path | None], F], weights: Path | None) -> F:
+    """A field from the file that --weights names, or the shipped one."""
+    from safetensors import SafetensorError
+
+    try:
+        return loader(weights)
+    except (OSError, ValueError, SafetensorError) as error:
+        raise InputError(f"--weights can't be used: {error}") from None
+
+
+@dataclass(frozen=True)
+class Wanted(Generic[C]):
+    """Conditions of a run by number, from a file or drawn."""
+
+    count: int
+    size: int  # of drawn conditions; 0 if a file gives them
+    part: Callable[[int, int], list[C]]  # number of the first, how many
+
+    def chunks(self, generate: Callable[[list[C], int], list[R]], first: int) -> Iterator[list[R]]:
+        """Results from number `first` on; `generate` is given conditions and the number of the first.
+
+        A chunk that a kill cut in two is generated again whole, as another batch rounds differently.
+        """
+        for start in range(first // CHUNK * CHUNK, self.count, CHUNK):
+            results = generate(self.part(start, min(CHUNK, self.count - start)), start)
+            yield results[max(0, first - start) :]
+
+
+def wanted(
+    conditions: Path | None,
+    size: int | None,
+    count: int | None,
+    *,
+    sizes: tuple[int, int],
+    read: Callable[[Path], list[C]],
+    draw: Callable[[int, int, int], list[C]],
+) -> Wanted[C]:
+    """What --conditions, or --size and --count, ask for.
+
+    Args:
+        conditions: A file, or None.
+        size: Of drawn conditions, or None.
+        count: How many are drawn; 1 if None.
+        sizes: Least and largest size.
+        read: All conditions of a file.
+        draw: Conditions of a size: size, number of the first, how many.
+
+    Raises:
+        InputError: The arguments do not go together, or the file is bad.
+    """
+    if (conditions is None) == (size is None):
+        raise InputError("give either --conditions FILE or --size N (with --count M)")
+    if conditions is not None:
+        if count is not None:
+            raise InputError("--count goes with --size, not with --conditions")
+        given = read(conditions)
+        return Wanted(len(given), 0, lambda first, many: given[first : first + many])
+    drawn, many = size or 0, 1 if count is None else count
+    in_range("size", drawn, *sizes)
+    in_range("count", many, 1, MAX_COUNT)
+    return Wanted(many, drawn, lambda first, some: draw(drawn, first, some))
+
+
+def deliver(
+    target: ResumableOutput | None,
+    count: int,
+    label: str,
+    fails: Callable[[Mapping[str, Any]], bool],
+    chunks: "Callable[[int, Progress], Iterator[list[R]]]",
+) -> int:
+    """Results to stdout, or to the end of a file that may hold some already; returns how many fail.
+
+    Args:
+        target: The file, or None for stdout.
+        count: How many results there will be.
+        label: What they are called beside the progress bar.
+        fails: Whether a result, as it stands in the file, does not do what it should.
+        chunks: Results from a number on, a few at a time; may show more progress.
+    """
+    with progress(hidden=target is None) as bars:
+        bar = bars.add_task(label, total=count)
+        if target is None:
+            return sum(_print(found, fails) for found in chunks(0, bars))
+        with target as lines:
+            bars.update(bar, completed=len(lines.finished))
+            failed = sum(map(fails, lines.finished))
+            for results in chunks(len(lines.finished), bars):
+                found = [result.to_json() for result in results]
+                lines.append(found)
+                failed += sum(map(fails, found))
+                bars.advance(bar, len(found))
+    return failed
+
+
+def _print(results: Sequence[Written], fails: Callable[[Mapping[str, Any]], bool]) -> int:
+    failed = 0
+    for result in results:
+        found = result.to_json()
+        print(json.dumps(found, allow_nan=False), flush=True)
+        failed += fails(found)
+    return failed
+
+
+def run_jobs(
+    jobs: Sequence[Callable[[], Written]], settings: Mapping[str, Any], out: Path | None
+) -> list[Mapping[str, Any]]:
+    """Runs the jobs that are not done yet; each row is written to `out` as soon as it is known."""
+    target = None if out is None else ResumableOutput(out, settings)
+    with progress() as bars:
+        bar = bars.add_task("evaluating", total=len(jobs))
+        if target is None:
+            found = []
+            for job in jobs:
+                found.append(job().to_json())
+                bars.advance(bar)
+            return found
+        with target as lines:
+            bars.advance(bar, len(lines.finished))
+            for job in jobs[len(lines.finished) :]:
+                row = job().to_json()
+                lines.append([row])
+                lines.finished.append(row)
+                bars.advance(bar)
+            return lines.finished
+
+
+def training_config(steps: int, batch: int, learning_rate: float, seed: int) -> "TrainingConfig":
+    """A checked configuration; `InputError` names what is wrong."""
+    in_range("seed", seed, 0, MAX_SEED)
+    in_range("batch", batch, 1, 100_000)
+    if not 0 < learning_rate < 1:
+        raise InputError(f"--learning-rate must lie in (0, 1); got {learning_rate}")
+    from deggflow.train import TrainingConfig
+
+    try:
+        return TrainingConfig(steps=steps, batch=batch, learning_rate=learning_rate, seed=seed)
+    except ValueError as error:
+        raise InputError(str(error)) from None
+
+
+@contextmanager
+def shown_training(steps: int, out: Path) -> "Iterator[Callable[[Curve], None]]":
+    """Shows the points of the curves as they come; at the end the curves are drawn into `out`."""
+    with progress() as bars:
+        bar = bars.add_task("training", total=steps)
+
+        def show(curve: "Curve") -> None:
+            loss = f"loss {curve.training:.4f}, validation {curve.validation:.4f}"
+            bars.update(bar, completed=curve.step, description=f"training ({loss})")
+            if bars.disable:
+                print(f"step {curve.step}: {loss}", file=sys.stderr, flush=True)
+
+        yield show
+    from deggflow.view.curves import draw_curves
+
+    draw_curves(out / "curves.csv", out / "curves.png")

@@ -1,0 +1,178 @@
+"""Trials of nominal and guided policies from the same starts and z(0) (paper: tab:task1_results)."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from deggflow.statistics import Rate
+
+from .condition import TrialCondition
+from .expert import demonstrate, random_approach
+from .field import BridgeField
+from .generator import BridgeGenerator
+from .oracle import refutation
+from .requirements import bridge_guidance
+from .scenes import random_conditions
+from .trial import Trial
+from .verdict import integrate
+from .world import CONTACT_SIDE
+
+KINDS = {
+    "plank_leaves": "the plank leaves the workspace",
+    "support_lost": "the plank loses its support",
+    "robot_leaves": " leaves the workspace",
+    "robot_in_gap": " enters the gap",
+    "time_out": "not bridged after",
+}
+SYMMETRIC = TrialCondition(
+    (-3.2, 0.0, 0.0),
+    (-0.2, 0.0, 0.0),
+    tuple((x, side * CONTACT_SIDE) for x in (-2.4, -1.4, -0.4) for side in (1.0, -1.0)),
+)
+SOURCES = ("demonstrations", "nominal", "guided")
+
+
+def failure_kind(reason: str) -> str:
+    """Which of `KINDS` a nominal trial's reason tells; "other" where the generation diverged."""
+    return next((kind for kind, text in KINDS.items() if text in reason), "other")
+
+
+@dataclass(frozen=True)
+class PolicyCounts:
+    """Every policy of some trials, one by one."""
+
+    generated: int
+    met_at_once: int  # first draws that end with both factors below their bounds
+    met: int  # policies that do, redraws included
+    most_draws: int
+
+    def rate(self, count: int) -> Rate:
+        """A count as a share of the policies."""
+        return Rate(count, self.generated)
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """One size of the team: counts out of `trials`."""
+
+    size: int
+    trials: int
+    nominal: int  # trials in which the nominal policies bridge the gap
+    failures: Mapping[str, int]  # of the nominal trials, by kind
+    guided: int  # the same starts and z(0)
+    blocked: Sequence[str]  # what guided trials that do not bridge say, with their numbers
+    least_margin: float  # m, to any failure, over everything that guided trials executed
+    policies: Mapping[str, PolicyCounts]  # "nominal" and "guided"
+    refuted: Sequence[str]  # outcomes that the replay refutes, of either
+
+    def to_json(self) -> dict[str, Any]:
+        """As it stands in a file."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, row: Mapping[str, Any]) -> "Evaluation":
+        """From a row that `to_json` made."""
+        policies = {name: PolicyCounts(**counts) for name, counts in row["policies"].items()}
+        return cls(**{**row, "policies": policies})
+
+    def rate(self, count: int) -> Rate:
+        """A count as a share of the trials."""
+        return Rate(count, self.trials)
+
+
+def _policies(trials: Sequence[Trial]) -> PolicyCounts:
+    records = [record for trial in trials for record in trial.certificate.policies]
+    met = [record for record in records if record.met and record.accepted]
+    return PolicyCounts(
+        len(records),
+        sum(record.draws == 1 for record in met),
+        len(met),
+        max((record.draws for record in records), default=0),
+    )
+
+
+def _refuted(name: str, trials: Sequence[Trial]) -> list[str]:
+    said = [refutation(trial.to_json()) for trial in trials]
+    return [f"{name} trial {k}: {text}" for k, text in enumerate(said, start=1) if text]
+
+
+def evaluate(field: BridgeField, size: int, count: int, seed: int, max_draws: int) -> Evaluation:
+    """Nominal and guided trials of one size, every outcome replayed by the oracle."""
+    conditions = random_conditions(size, count, seed)
+    nominal = BridgeGenerator(field).trials(conditions, seed=seed)
+    guided = BridgeGenerator(field, bridge_guidance(field.scales)).trials(
+        conditions, seed=seed, max_draws=max_draws
+    )
+    kinds = [failure_kind(trial.reason) for trial in nominal if trial.reason is not None]
+    return Evaluation(
+        size,
+        count,
+        nominal=sum(trial.success for trial in nominal),
+        failures={kind: kinds.count(kind) for kind in (*KINDS, "other")},
+        guided=sum(trial.success for trial in guided),
+        blocked=[
+            f"N = {size}, trial {k}: {trial.reason}"
+            for k, trial in enumerate(guided, start=1)
+            if not trial.success
+        ],
+        least_margin=min(trial.certificate.min_margin for trial in guided),
+        policies={"nominal": _policies(nominal), "guided": _policies(guided)},
+        refuted=_refuted(f"N = {size}, nominal", nominal) + _refuted(f"N = {size}, guided", guided),
+    )
+
+
+@dataclass(frozen=True)
+class Modes:
+    """On which side planks pass from one symmetric start."""
+
+    source: str
+    trials: int
+    bridged: int
+    left: int  # the plank's centre is farthest from the straight way at y > 0
+    low: float  # m, how far it gets from the straight way: 5th percentile,
+    median: float  # m, median,
+    high: float  # m, and 95th percentile
+
+    def to_json(self) -> dict[str, Any]:
+        """As it stands in a file."""
+        return asdict(self)
+
+    def rate(self, count: int) -> Rate:
+        """A count as a share of the trials."""
+        return Rate(count, self.trials)
+
+
+class Passes(NamedTuple):
+    """One way from the symmetric start."""
+
+    poses: Float[np.ndarray, "poses 3"]
+    bridged: bool
+
+
+def passes(field: BridgeField, source: str, count: int, seed: int, max_draws: int) -> list[Passes]:
+    """Ways from the symmetric start by one of `SOURCES`."""
+    if source == "demonstrations":
+        rng = np.random.default_rng([seed, 3])
+        made: list[Passes] = []
+        while len(made) < count:
+            solved = demonstrate(SYMMETRIC, random_approach(rng))
+            if solved is not None:
+                twists, bridged = solved
+                made.append(Passes(integrate(np.array(SYMMETRIC.plank), twists[:bridged]), True))
+        return made
+    guidance = bridge_guidance(field.scales) if source == "guided" else None
+    generator = BridgeGenerator(field, guidance)
+    trials = generator.trials([SYMMETRIC] * count, seed=seed, max_draws=max_draws)
+    return [Passes(trial.poses, trial.success) for trial in trials]
+
+
+def count_modes(source: str, found: Sequence[Passes]) -> Modes:
+    """Passes on either side, and how far out."""
+    y = [way.poses[:, 1] for way in found]
+    farthest = np.array([each[np.argmax(np.abs(each))] for each in y])
+    low, median, high = np.percentile(np.abs(farthest), [5, 50, 95]).tolist()
+    bridged = sum(way.bridged for way in found)
+    return Modes(source, len(found), bridged, int(np.sum(farthest > 0)), low, median, high)

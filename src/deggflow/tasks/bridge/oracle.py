@@ -1,0 +1,214 @@
+"""A second opinion on trials: replayed by exponential series of matrices, judged by Shapely, from what a file holds.
+
+Shares only the place's dimensions with the rest of the package.
+"""
+
+import re
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+from jaxtyping import Bool, Float
+from shapely.geometry import box
+
+from .world import (
+    CENTRE_SIDE,
+    CORRIDOR,
+    END_CLEARANCE,
+    GAP_LEFT,
+    GAP_RIGHT,
+    PLANK_LENGTH,
+    PLANK_WIDTH,
+    ROBOT_RADIUS,
+    SUPPORT,
+    X_MAX,
+    X_MIN,
+    Y_MAX,
+    Y_MIN,
+)
+
+PARTS = 8  # poses looked at in every action
+TOLERANCE = 1e-8  # m, rounding of float64 arithmetic
+TERMS = 40  # of the exponential series
+SAGITTA = 1e-3  # m by which a least margin may differ, as it is taken at other poses
+
+_FAR = 1e3  # m, beyond everything
+_WORKSPACE = box(X_MIN, Y_MIN, X_MAX, Y_MAX)
+_GAP = box(GAP_LEFT, -_FAR, GAP_RIGHT, _FAR)
+_LEFT, _RIGHT = box(-_FAR, -_FAR, GAP_LEFT, _FAR), box(GAP_RIGHT, -_FAR, _FAR, _FAR)
+_HALF_WAY = PLANK_LENGTH / 2 - ROBOT_RADIUS - END_CLEARANCE  # m
+_BLAMED = re.compile(
+    "(?P<start>at the start )?"
+    "(the plank (?P<plank>leaves the workspace|loses its support)|"
+    "robot (?P<robot>[0-9]{1,3}) (?P<how>leaves the workspace|enters the gap))"
+)
+
+Moves = Float[np.ndarray, "moves 3 3"]
+
+
+class Motion(NamedTuple):
+    """Margins (m) at every pose of a replay: the initial one, then `PARTS` of every action."""
+
+    plank: Float[np.ndarray, " poses"]  # inside the workspace
+    support: Float[
+        np.ndarray, "poses 2"
+    ]  # on the left and on the right ground, beyond what is needed
+    way: Float[np.ndarray, "poses 2"]  # of the robots' way beyond the left and the right edge
+    wall: Float[np.ndarray, "poses robots"]  # robots inside the workspace
+    gap: Float[np.ndarray, "poses robots"]  # robots off the gap
+
+    @property
+    def least(self) -> Float[np.ndarray, " poses"]:
+        """Smallest distance to failure; once a robot or the plank is beyond, only its sign means anything."""
+        robots = np.minimum(self.wall.min(-1), self.gap.min(-1))
+        return np.minimum(np.minimum(self.plank, self.support.max(-1)), robots)
+
+    def bridges(self, spare: float) -> Bool[np.ndarray, " poses"]:
+        """Whether the plank bridges the gap, with so much to spare."""
+        return np.minimum(self.support.min(-1), self.way.min(-1)) >= spare
+
+
+def _placed(moves: Moves, points: Float[np.ndarray, "points 2"]) -> np.ndarray:
+    """Points of the plank, as every move leaves them."""
+    raised = np.column_stack([points, np.ones(len(points))])
+    return np.einsum("mij,pj->mpi", moves, raised)[..., :2]
+
+
+def _generators(twists: Float[np.ndarray, "actions 3"]) -> Moves:
+    out = np.zeros((len(twists), 3, 3))
+    out[:, 0, 1], out[:, 1, 0] = -twists[:, 2], twists[:, 2]
+    out[:, :2, 2] = twists[:, :2]
+    return out
+
+
+def _exponential(matrices: Moves) -> Moves:
+    """By its series, exact to rounding for entries up to 5 (100 m/s for an eighth of an action: 2.5)."""
+    term = out = np.broadcast_to(np.eye(3), matrices.shape)
+    for k in range(1, TERMS):
+        term = np.einsum("mij,mjk->mik", term, matrices) / k
+        out = out + term
+    return out
+
+
+def replay(value: Mapping[str, Any]) -> Moves:
+    """Homogeneous matrices of the plank's pose: the initial one, then `PARTS` of every action.
+
+    Args:
+        value: A trial as it stands in a file; what it says of poses is not read.
+    """
+    start = value["condition"]["plank"]
+    x, y, cos, sin = start["x"], start["y"], np.cos(start["theta"]), np.sin(start["theta"])
+    moves = [np.array([[cos, -sin, x], [sin, cos, y], [0.0, 0.0, 1.0]])]
+    twists = np.array(value["twists"], np.float64).reshape(-1, 3)
+    for step in _exponential(_generators(twists) * (value["dt"] / PARTS)):
+        for _ in range(PARTS):
+            moves.append(moves[-1] @ step)
+    return np.array(moves)
+
+
+def _inside(shapes: np.ndarray) -> np.ndarray:
+    """Distance to the workspace's border; negative for what is not wholly inside."""
+    away = shapely.distance(shapes, _WORKSPACE.exterior)
+    return np.where(shapely.covers(_WORKSPACE, shapes), away, np.minimum(-away, -2 * TOLERANCE))
+
+
+def judge(value: Mapping[str, Any], moves: Moves) -> Motion:
+    """Margins of a replay."""
+    half = np.array([PLANK_LENGTH, PLANK_WIDTH]) / 2
+    corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * half
+    planks = shapely.polygons(_placed(moves, corners))
+    ways = shapely.linestrings(_placed(moves, np.array([[-_HALF_WAY, 0.0], [_HALF_WAY, 0.0]])))
+    contacts = np.array(value["condition"]["contacts"], np.float64)
+    centres = np.column_stack([contacts[:, 0], CENTRE_SIDE * np.sign(contacts[:, 1])])
+    robots = shapely.points(_placed(moves, centres))
+    on_left = shapely.bounds(shapely.intersection(planks, _LEFT))[:, 0]
+    on_right = shapely.bounds(shapely.intersection(planks, _RIGHT))[:, 2]
+    reach = shapely.bounds(ways)
+    support = np.column_stack([GAP_LEFT - on_left, on_right - GAP_RIGHT]) - SUPPORT
+    return Motion(
+        _inside(planks),
+        np.where(np.isnan(support), -_FAR, support),  # nothing of the plank is there
+        np.column_stack([GAP_LEFT - reach[:, 0], reach[:, 2] - GAP_RIGHT]) - CORRIDOR,
+        _inside(robots) - ROBOT_RADIUS,
+        shapely.distance(robots, _GAP) - ROBOT_RADIUS,
+    )
+
+
+def _poses_differ(value: Mapping[str, Any], moves: Moves) -> str | None:
+    poses = np.array(value["poses"], np.float64).reshape(-1, 3)
+    found = moves[::PARTS]
+    if len(poses) != len(found):
+        return f"there are {len(poses)} poses for {len(found) - 1} actions"
+    turned = np.stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])], -1)
+    away = np.abs(np.concatenate([found[:, :2, 2] - poses[:, :2], found[:, :2, 0] - turned], 1))
+    wrong = ~(away.max(-1) <= TOLERANCE)
+    return f"pose {np.argmax(wrong)} is not where the twists lead" if wrong.any() else None
+
+
+def _goes_on(motion: Motion) -> str | None:
+    """What should have ended the trial before its last action."""
+    ends = slice(0, -1, PARTS)
+    for what, over in (
+        ("the gap is bridged", motion.bridges(TOLERANCE)[ends]),
+        ("something fails", np.logical_or.accumulate(motion.least < -TOLERANCE)[ends]),
+    ):
+        if over.any():
+            return f"the trial goes on after action {np.argmax(over)}, where {what}"
+    return None
+
+
+def _blamed(motion: Motion, reason: str) -> str | None:
+    """What is wrong with the reason that is given for a failure."""
+    blame = _BLAMED.fullmatch(reason)
+    worst = motion.least.min()
+    if blame is None:
+        return "something fails that is not told" if worst < -TOLERANCE else None
+    last = slice(0, 1) if blame["start"] else slice(-PARTS, None)
+    if blame["plank"]:
+        found = motion.plank if blame["plank"].startswith("leaves") else motion.support.max(-1)
+    else:
+        robots = motion.wall if blame["how"].startswith("leaves") else motion.gap
+        if not 1 <= int(blame["robot"]) <= robots.shape[1]:
+            return f"there is no robot {blame['robot']}"
+        found = robots[:, int(blame["robot"]) - 1]
+    return f"it is not so that {reason}" if found[last].min() > TOLERANCE else None
+
+
+def _certificate(value: Mapping[str, Any], motion: Motion) -> str | None:
+    certificate = value["certificate"]
+    broken = [p for p in certificate["policies"] if p["q_task"] > p["bound"] or p["q_safe"] > 0]
+    if not certificate["satisfied"]:
+        return None
+    if not value["outcome"]["success"]:
+        return "a trial that failed is certified"
+    if broken or not all(p["accepted"] for p in certificate["policies"]):
+        return "a policy that misses a bound is certified"
+    if abs(motion.least.min() - certificate["min_margin"]) > SAGITTA:
+        return f"the least margin is {motion.least.min():.4f} m"
+    return None
+
+
+def refutation(value: Mapping[str, Any]) -> str | None:
+    """The first thing that is not as a trial claims, or None.
+
+    Args:
+        value: A trial as it stands in a file.
+    """
+    moves = replay(value)
+    wrong = _poses_differ(value, moves)
+    if wrong is not None:
+        return wrong
+    motion = judge(value, moves)
+    wrong = _goes_on(motion)
+    if wrong is not None:
+        return wrong
+    done = bool(motion.bridges(-TOLERANCE)[-1] and motion.least.min() >= -TOLERANCE)
+    surely = bool(motion.bridges(TOLERANCE)[-1] and motion.least.min() >= TOLERANCE)
+    success, reason = value["outcome"]["success"], value["outcome"]["reason"]
+    if success and not done:
+        return "the plank does not bridge the gap unharmed"
+    if not success and surely:
+        return "the plank bridges the gap unharmed"
+    wrong = None if success else _blamed(motion, reason)
+    return _certificate(value, motion) if wrong is None else wrong
