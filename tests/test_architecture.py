@@ -11,7 +11,17 @@ import deggflow
 
 ROOT = Path(deggflow.__file__).parent
 FLOORS = [
-    {"files", "jsonl", "statistics", "certificate", "flow", "field", "guidance", "weights", "solver"},
+    {
+        "files",
+        "jsonl",
+        "statistics",
+        "certificate",
+        "flow",
+        "field",
+        "guidance",
+        "weights",
+        "solver",
+    },
     {"generation", "redraw", "step_guard", "train"},
     {"tasks"},
     {"view"},

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from functools import partial
 
 import pytest
 
@@ -13,20 +14,28 @@ def environment(tmp_path_factory):
     return {**os.environ, "DEGGFLOW_CACHE": str(tmp_path_factory.mktemp("cache"))}
 
 
-@pytest.fixture
-def deggflow(environment, tmp_path):
-    def run(*arguments, start=False):
+@pytest.fixture(scope="session")
+def run_deggflow(environment):
+    """Runs the command in a folder, or starts it there."""
+
+    def run(folder, *arguments, start=False):
         command = [sys.executable, "-m", "deggflow.app.cli", *map(str, arguments)]
         if start:
             return subprocess.Popen(
                 command,
-                cwd=tmp_path,
+                cwd=folder,
                 env=environment,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
             )
         return subprocess.run(
-            command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+            command, cwd=folder, env=environment, capture_output=True, text=True, check=False
         )
 
     return run
+
+
+@pytest.fixture
+def deggflow(run_deggflow, tmp_path):
+    """Runs the command in the test's own folder."""
+    return partial(run_deggflow, tmp_path)

@@ -1,6 +1,6 @@
 """The finite-horizon theorem for SE guidance, its rows and what is reported where its conditions fail."""
 
-from functools import cache
+from functools import cache, partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -146,34 +146,36 @@ class Run(NamedTuple):
 SAMPLES = 24
 
 
+COARSE, FINE = 100, 400
+
+
+@jax.jit
+@partial(jax.vmap, in_axes=(0, 0, None))
+def trajectory(z0, condition, grid):
+    """Under heterogeneous control maps."""
+    return generate(field, guidance(mapped=True), z0, condition, grid=grid, keep_path=True)
+
+
 @cache
 def run(steps):
-    """Under heterogeneous control maps."""
+    """Even steps; the grid is filled up with steps of length zero, so that it is compiled once."""
     start, case = cases(SAMPLES, 11)
+    tau = np.minimum(np.arange(FINE + 1) / steps, 1.0)
     with jax.enable_x64(True):
-        grid = refined_grid(steps, 1.0)
-
-        @jax.jit
-        @jax.vmap
-        def trajectory(z0, condition):
-            return generate(
-                field, guidance(mapped=True), z0, condition, grid=grid, keep_path=True
-            )
-
-        out = trajectory(jnp.asarray(start), jax.tree.map(jnp.asarray, case))
+        out = trajectory(*jax.tree.map(jnp.asarray, (start, case, tau)))
         path, trace = np.asarray(out.path), jax.tree.map(np.asarray, out.trace)
-    tau = np.linspace(0.0, 1.0, steps + 1)
     each = [jax.tree.map(lambda leaf, k=k: leaf[k], case) for k in range(SAMPLES)]
     q = np.array([factors_by_hand(tau, z, c) for z, c in zip(path, each, strict=True)])
     beta = np.array([bounds_by_hand(tau, one[0]) for one in q])
-    held = trace.able.all((1, 2, 3)) & ~trace.infeasible.any((1, 2))
+    taken = tau[:-1] < 1
+    held = trace.able[:, taken].all((1, 2, 3)) & ~trace.infeasible[:, taken].any((1, 2))
     return Run(q, beta, held, case.kind, path, trace)
 
 
 @pytest.mark.parametrize("kind", range(3), ids=KINDS)
 def test_factors_stay_under_their_bounds_along_the_trajectory(kind):
     """thm:SE_finite_horizon, which is of continuous time: what Euler steps add vanishes with them."""
-    coarse, fine = run(100), run(400)
+    coarse, fine = run(COARSE), run(FINE)
     chosen = (coarse.kind == kind) & coarse.held & fine.held
     assert chosen.sum() >= 5
     above = [(one.q - one.beta)[chosen].max() for one in (coarse, fine)]
@@ -183,7 +185,7 @@ def test_factors_stay_under_their_bounds_along_the_trajectory(kind):
 
 def test_the_end_satisfies_the_requirement():
     """beta(1) = 0 implies q(1, z(1)) <= 0, up to what Euler steps add."""
-    coarse, fine = run(100), run(400)
+    coarse, fine = run(COARSE), run(FINE)
     chosen = coarse.held & fine.held
     end = [max(one.q[chosen, -1, 0].max(), 0.0) for one in (coarse, fine)]
     assert end[1] <= max(end[0] / 3, 1e-9)
@@ -207,37 +209,38 @@ def test_without_guidance_the_same_fields_break_the_bounds():
 
 
 def test_the_trace_is_the_factors_and_their_bounds():
-    one = run(100)
+    one = run(COARSE)
     np.testing.assert_allclose(one.trace.value, one.q[:, :-1], atol=1e-9)
     np.testing.assert_allclose(one.trace.bound, one.beta[:, :-1], atol=1e-9)
     assert guidance().names == ("near", "below")
 
 
 def test_an_agent_of_no_factor_never_acts():
-    one = run(100)
+    one = run(COARSE)
     assert np.all(one.trace.effort[..., 4] == 0)
     assert np.all(one.trace.able[..., 4])
     assert not one.trace.infeasible[..., 4].any()
 
 
 class Moment(NamedTuple):
-    """One evaluation of the guidance at a random state, tau and drift."""
+    """The guidance at random states, tau and drifts; slopes by central differences of the factors."""
 
-    rows: object
+    ell: np.ndarray
+    b: np.ndarray
     correction: np.ndarray
     report: object
-    slope: np.ndarray  # dq/dtau along drift + correction, by jvp
+    slope: np.ndarray  # dq/dtau along drift + correction
     free: np.ndarray  # dq/dtau along the drift alone
     dbeta: np.ndarray
     room: np.ndarray  # q - beta
+    changed: np.ndarray  # correction where another agent has another drift
 
 
-# Sharing and whether the control maps are heterogeneous, else the identity.
+# Sharing, and whether the control maps are heterogeneous, else the identity.
 SHARINGS = {
-    "adaptive": (AdaptiveShares, False),
-    "adaptive, mapped": (AdaptiveShares, True),
+    "adaptive": (AdaptiveShares, True),
     "equal": (EqualShares, False),
-    "fixed, mapped": (lambda: FixedShares(jnp.asarray(SHARES)), True),
+    "fixed": (lambda: FixedShares(jnp.asarray(SHARES)), False),
 }
 
 
@@ -247,48 +250,69 @@ def moments(name, count=60):
     start, case = cases(count, 5)
     rng = np.random.default_rng(6)
     z = start + rng.normal(size=start.shape)
-    drift, times = 3 * rng.normal(size=start.shape), rng.uniform(0, 1, count)
-    with jax.enable_x64(True):
+    drift, times = 3 * rng.normal(size=start.shape), rng.uniform(0.01, 0.99, count)
+    other = drift.copy()
+    other[:, 1] += 1.0
+
+    @jax.jit
+    @jax.vmap
+    def at(z0, z, tau, drift, condition):
         guide = guidance(sharing(), mapped)
+        state = guide.init(z0, condition)
+        g = control(tau, z, condition) if mapped else None
+        rows = guide.requirements[0].rows(state[0], tau, z, drift, g, condition)
+        return rows.ell, rows.b, *guide(state, tau, z, drift, condition)
 
-        def q(tau, z, condition):
-            return jnp.stack([near(tau, z, condition), below(tau, z, condition)])
+    def evaluated(drift):
+        inputs = jax.tree.map(jnp.asarray, (start, z, times, drift, case))
+        return jax.tree.map(np.asarray, at(*inputs))
 
-        def at(z0, z, tau, drift, condition):
-            state = guide.init(z0, condition)
-            g = control(tau, z, condition) if mapped else None
-            rows = guide.requirements[0].rows(state[0], tau, z, drift, g, condition)
-            correction, report = guide(state, tau, z, drift, condition)
-            one = jnp.ones_like(tau)
+    with jax.enable_x64(True):
+        ell, b, correction, report = evaluated(drift)
+        changed = evaluated(other)[2]
 
-            def along(t, x):
-                return q(t, x, condition)
+    def q(s, velocity):
+        return each(times + s, z + s * velocity, lambda k: jax.tree.map(lambda leaf: leaf[k], case))
 
-            value, slope = jax.jvp(along, (tau, z), (one, drift + correction))
-            _, free = jax.jvp(along, (tau, z), (one, drift))
-            start = q(jnp.zeros(()), z0, condition)
-            return rows, correction, report, slope, free, value, start
+    def each(tau, z, of):
+        return np.array(
+            [factors_by_hand(tau[k : k + 1], z[k : k + 1], of(k))[0] for k in range(count)]
+        )
 
-        inputs = (start, z, times, drift, case)
-        found = jax.jit(jax.vmap(at))(*jax.tree.map(jnp.asarray, inputs))
-    rows, correction, report, slope, free, value, first = jax.tree.map(np.asarray, found)
-    h = 1e-6
-    low, mid, high = (
-        np.array([bounds_by_hand(np.array([t + s]), f)[0] for t, f in zip(times, first, strict=True)])
-        for s in (-h, 0.0, h)
+    first = each(0 * times, start, lambda k: jax.tree.map(lambda leaf: leaf[k], case))
+
+    def beta(s):
+        return np.array([bounds_by_hand(times[k : k + 1] + s, first[k])[0] for k in range(count)])
+
+    def difference(of, h=1e-6):
+        return (of(h) - of(-h)) / (2 * h)
+
+    return Moment(
+        ell,
+        b,
+        correction,
+        report,
+        difference(lambda s: q(s, drift + correction)),
+        difference(lambda s: q(s, drift)),
+        difference(beta),
+        q(0.0, drift) - beta(0.0),
+        changed,
     )
-    return Moment(rows, correction, report, slope, free, (high - low) / (2 * h), value - mid)
 
 
 @pytest.mark.parametrize("name", SHARINGS)
 def test_rows_together_imply_the_decay_of_the_factor(name):
     """dq/dtau <= dbeta/dtau - alpha(q - beta) along drift and correction (paper, eqn:app_SE_global_decay)."""
     one = moments(name)
-    good = ~one.report.infeasible.any(axis=1) & one.report.able.all(axis=(1, 2))
+    # Inputs of another order of magnitude are those of rows that are nearly opposed, or nearly zero.
+    good = (
+        ~one.report.infeasible.any(1)
+        & one.report.able.all((1, 2))
+        & (one.report.effort.max(1) < 1e3)
+    )
     assert good.sum() >= 20
     limit = one.dbeta - GAINS * one.room
-    size = np.linalg.norm(one.rows.ell, axis=-1) * np.linalg.norm(one.correction, axis=-1)[:, None]
-    assert np.all((one.slope - limit)[good] <= 1e-6 + 1e-12 * size.sum(-1)[good])
+    assert np.all((one.slope - limit)[good] <= 1e-4)
     assert np.mean(one.free[good] > limit[good]) > 0.2  # the drift alone does not
 
 
@@ -296,36 +320,26 @@ def test_rows_together_imply_the_decay_of_the_factor(name):
 def test_offsets_of_a_factor_add_up(name):
     """sum_i b_i = grad q . f + dq/dtau - dbeta/dtau + alpha(q - beta), partial tau of q included."""
     one = moments(name)
-    np.testing.assert_allclose(one.rows.b.sum(-1), one.free - one.dbeta + GAINS * one.room, atol=1e-6)
+    np.testing.assert_allclose(one.b.sum(-1), one.free - one.dbeta + GAINS * one.room, atol=1e-5)
 
 
-@pytest.mark.parametrize("name", ["adaptive", "adaptive, mapped"])
+@pytest.mark.parametrize("name", ["adaptive", "equal"])
 def test_rows_of_agents_outside_a_factor_are_zero(name):
     one = moments(name)
     outside = np.ones((2, AGENTS), bool)
     outside[0, NEAR], outside[1, BELOW] = False, False
-    for leaf in (one.rows.ell, one.rows.b):
-        assert np.all(np.swapaxes(leaf, 0, 1)[0][:, outside[0]] == 0)
-        assert np.all(np.swapaxes(leaf, 0, 1)[1][:, outside[1]] == 0)
+    assert np.all(one.ell[:, outside] == 0)
+    assert np.all(one.b[:, outside] == 0)
     assert np.all(one.correction[:, 4] == 0)
 
 
-def test_an_agents_input_knows_no_other_agents_drift():
-    """Decoupled: d correction_i / d drift_j = 0 for i != j, and not for i = j throughout."""
-    guide = guidance(mapped=True)
-    start, case = cases(1, 21)
-    with jax.enable_x64(True):
-        z0 = jnp.asarray(start[0])
-        condition = jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), case)
-        state, tau = guide.init(z0, condition), jnp.asarray(0.6)
-
-        def correction(drift):
-            return guide(state, tau, z0 + 0.5, drift, condition)[0]
-
-        jacobian = np.asarray(jax.jit(jax.jacobian(correction))(field(tau, z0, condition)))
-    apart = ~np.eye(AGENTS, dtype=bool)
-    assert np.all(np.moveaxis(jacobian, 2, 1)[apart] == 0)
-    assert np.any(np.moveaxis(jacobian, 2, 1)[~apart] != 0)
+@pytest.mark.parametrize("name", SHARINGS)
+def test_an_agents_input_knows_no_other_agents_drift(name):
+    """Decoupled: with another drift of agent 1, the others' inputs are the same to the bit."""
+    one = moments(name)
+    others = np.arange(AGENTS) != 1
+    np.testing.assert_array_equal(one.changed[:, others], one.correction[:, others])
+    assert np.mean(np.any(one.changed[:, 1] != one.correction[:, 1], axis=-1)) > 0.5
 
 
 def test_the_change_of_a_factor_by_itself_enters():
@@ -350,19 +364,24 @@ def upward(tau, z, condition):
     return jnp.ones_like(z)
 
 
-@pytest.mark.parametrize("sharing", [EqualShares(), FixedShares(jnp.array([[0.3, 0.7]]))])
-def test_shares_that_ask_an_agent_for_what_it_cannot_give_are_reported(sharing):
+def test_shares_that_ask_an_agent_for_what_it_cannot_give_are_reported():
     """Equal and fixed shares are infeasible where adaptive ones leave every agent an input."""
-    z0 = jnp.ones((2, 2))
-    factor = SharedFactor(one_sided)
-    rigid, adaptive = (
-        generate(upward, DecoupledGuidance((SharedRequirements((factor,), s),)), z0, None).trace
-        for s in (sharing, AdaptiveShares())
-    )
-    assert not rigid.able[:, 0, 1].all()
-    np.testing.assert_array_equal(rigid.infeasible[:, 1], ~rigid.able[:, 0, 1])
-    assert not rigid.infeasible[:, 0].any()
-    assert rigid.value[-1, 0] > rigid.bound[-1, 0]  # and the bound is in fact missed
+    sharings = (AdaptiveShares(), EqualShares(), FixedShares(jnp.array([[0.3, 0.7]])))
+
+    @jax.jit
+    def traces(z0):
+        guides = [
+            DecoupledGuidance((SharedRequirements((SharedFactor(one_sided),), s),))
+            for s in sharings
+        ]
+        return [generate(upward, guide, z0, None).trace for guide in guides]
+
+    adaptive, *rigid = traces(jnp.ones((2, 2)))
+    for trace in rigid:
+        assert not trace.able[:, 0, 1].all()
+        np.testing.assert_array_equal(trace.infeasible[:, 1], ~trace.able[:, 0, 1])
+        assert not trace.infeasible[:, 0].any()
+        assert trace.value[-1, 0] > trace.bound[-1, 0]  # and the bound is in fact missed
     assert adaptive.able.all()
     assert not adaptive.infeasible.any()
     assert jnp.max(adaptive.value - adaptive.bound) <= 0.01
@@ -375,28 +394,32 @@ def test_rows_exactly_opposed_at_one_agent_are_reported():
         for s, name in ((1.0, "down"), (-1.0, "up"))
     )
     guide = DecoupledGuidance((SharedRequirements(factors),))
-    out = generate(lambda tau, z, c: 0.0 * z, guide, jnp.full((3, 2), 2.0), None)
+    still = jax.jit(lambda z0: generate(lambda tau, z, c: 0.0 * z, guide, z0, None))
+    out = still(jnp.full((3, 2), 2.0))
     middle = (out.trace.tau > 0.2) & (out.trace.tau < 0.8)
     assert jnp.all(out.trace.infeasible[middle, 0])
     assert not jnp.any(out.trace.able[middle, :, 0])
     assert jnp.all(jnp.isfinite(out.z))
 
 
-def test_one_requirement_stated_twice_is_as_feasible_as_once():
-    """eta = 1 and d = l: the proposition's conditions hold."""
+def test_one_requirement_stated_twice_asks_for_the_same_input():
+    """eta = 1 and d = l: the proposition's conditions hold; u_i = -max(b_i, 0) l_i / |l_i|^2."""
     start, case = cases(SAMPLES, 2)
+    twice = SharedRequirements(FACTORS[:1] * 2)
 
-    def made(factors):
-        guide = DecoupledGuidance((SharedRequirements(factors),))
-        run = jax.jit(
-            jax.vmap(lambda z0, c: generate(field, guide, z0, c, grid=refined_grid(60)))
-        )
-        return run(jnp.asarray(start), jax.tree.map(jnp.asarray, case))
+    @jax.jit
+    @jax.vmap
+    def at(z, condition):
+        guide, tau = DecoupledGuidance((twice,)), jnp.asarray(0.4)
+        state, drift = guide.init(z, condition), 3.0 * jnp.sin(5.0 * z)
+        rows = twice.rows(state[0], tau, z, drift, None, condition)
+        return rows.ell[0], rows.b[0], *guide(state, tau, z, drift, condition)
 
-    single, double = made(FACTORS[:1]), made(FACTORS[:1] * 2)
-    assert not jnp.any(single.trace.infeasible)
-    assert not jnp.any(double.trace.infeasible)
-    np.testing.assert_allclose(double.z, single.z, atol=1e-3)
+    ell, b, u, report = at(*jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), (start, case)))
+    assert not report.infeasible.any()
+    square = np.where(np.sum(ell**2, -1) > 0, np.sum(ell**2, -1), 1.0)
+    expected = -np.maximum(b, 0)[..., None] * ell / square[..., None]
+    np.testing.assert_allclose(u, expected, atol=1e-4 * np.abs(expected).max())
 
 
 def test_a_recovering_alpha_is_of_extended_class_k():

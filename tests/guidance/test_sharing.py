@@ -68,24 +68,11 @@ def test_phi_is_twice_continuously_differentiable(delta, end):
     np.testing.assert_allclose(one_sided(step), one_sided(-step), atol=1e-2 * np.sqrt(step))
 
 
-@pytest.mark.parametrize("delta", [0.02, 0.3])
-def test_derivatives_of_phi_are_those_of_finite_differences(delta):
-    eta = np.linspace(-1.7, 1.7, 35) * delta
-    h = 1e-4 * delta
-    low, mid, high = (double(lambda e: phi_of(e, delta), eta + s) for s in (-h, 0.0, h))
-    slope = double(jax.vmap(jax.grad(lambda e: phi(e, delta))), eta)
-    curvature = double(jax.vmap(jax.grad(jax.grad(lambda e: phi(e, delta)))), eta)
-    np.testing.assert_allclose(slope, (high - low) / (2 * h), atol=1e-6)
-    np.testing.assert_allclose(
-        curvature * delta, (high - 2 * mid + low) / h**2 * delta, atol=1e-2
-    )
-
-
 def inner(a, b):
     return np.einsum("nd,nd->n", a, b)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(rows)
 def test_effective_directions_never_work_against_a_row(ell):
     """l2.d1 >= 0, l1.d2 >= 0; l1.d1 > 0 and l2.d2 > 0 unless d vanishes (proof of prop:c2_feasibility)."""
@@ -101,7 +88,7 @@ def test_effective_directions_never_work_against_a_row(ell):
         assert np.all(helps[there & (size[a] > 0)] > 0)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(rows)
 def test_effective_directions_are_the_papers(ell):
     """d1 = l1 - |l1| phi(eta) hat l2, and the same the other way round, agent by agent."""
@@ -128,7 +115,7 @@ def test_a_factor_an_agent_cannot_change_leaves_the_other_as_it_is():
 
 def test_one_factor_alone_has_its_row_as_direction():
     ell = np.random.default_rng(0).normal(size=(1, AGENTS, DIM))
-    np.testing.assert_array_equal(double(effective_directions, ell), ell)
+    np.testing.assert_array_equal(double(directions_of, ell), ell)
 
 
 def test_opposed_rows_leave_nothing():
@@ -136,7 +123,7 @@ def test_opposed_rows_leave_nothing():
     np.testing.assert_allclose(double(directions_of, ell), 0.0, atol=1e-12)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(arrays(np.float64, (3, AGENTS, DIM), elements=numbers))
 def test_directions_of_three_factors_are_projections(ell):
     """The point nearest to l that no other row of the agent points away from, by nonnegative least squares."""
@@ -165,7 +152,7 @@ SHARINGS = {
 
 
 @pytest.mark.parametrize("name", SHARINGS)
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(ell=rows, who=incidences)
 def test_weights_are_nonnegative_add_up_to_one_and_stay_with_the_factors_agents(name, ell, who):
     """All that the finite-horizon theorem asks of them."""
@@ -186,7 +173,7 @@ def test_adaptive_weights_are_in_proportion_to_the_square_of_the_direction(ell):
             np.testing.assert_allclose(np.outer(w, s), np.outer(s, w), atol=1e-9 * s.max())
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(
     ell=rows,
     who=incidences,

@@ -232,7 +232,9 @@ def test_robots_touch_their_contact_points_from_outside():
 def test_trials_start_at_rest_and_padded():
     trials = [
         TrialCondition((-3.0, 0.5, 0.1), (0.0, 1.0, -0.2), ((-1.0, 0.36), (-2.0, -0.36))),
-        TrialCondition((-2.5, 0.0, 0.4), (0.1, 0.0, 0.0), ((-1.5, 0.36), (-1.0, 0.36), (0.0, -0.36))),
+        TrialCondition(
+            (-2.5, 0.0, 0.4), (0.1, 0.0, 0.0), ((-1.5, 0.36), (-1.0, 0.36), (0.0, -0.36))
+        ),
     ]
     arrays = to_arrays(trials, 6)
     assert arrays.contacts.shape == (2, 6, 2)

@@ -126,15 +126,22 @@ def test_scales_are_positive_and_finite(loaded):
 
 
 def test_given_scales_are_kept(folder, loaded):
-    _, scales = load_dataset(folder / "validation.jsonl", loaded[1], shake=False)
-    assert scales == loaded[1]
+    """Validation data are encoded with the scales of the training set."""
+    dataset, scales = loaded
+    given = scales._replace(eta=tuple(2 * v for v in scales.eta))
+    again, kept = load_dataset(folder / TRAINING_FILE, given, shake=False)
+    assert kept == given
+    np.testing.assert_allclose(2 * again.z, dataset.z, rtol=1e-6)
 
 
 def test_scales_of_loss_are_standard_deviations_over_the_training_set(folder, loaded):
     """sigma_xi over every window's twists, sigma_c over every robot's contact velocities."""
     dataset, scales = loaded
     twists, velocities, seen = [], [], set()
-    contacts, mask = np.asarray(dataset.condition.condition.contacts, np.float64), np.asarray(dataset.mask)
+    contacts, mask = (
+        np.asarray(dataset.condition.condition.contacts, np.float64),
+        np.asarray(dataset.mask),
+    )
     for k, window in enumerate(np.asarray(dataset.condition.twists, np.float64)):
         if window.tobytes() in seen:
             continue
@@ -143,7 +150,9 @@ def test_scales_of_loss_are_standard_deviations_over_the_training_set(folder, lo
         for r in contacts[k][mask[k]]:
             velocities.append(window @ np.array([[1, 0, -r[1]], [0, 1, r[0]]]).T)
     np.testing.assert_allclose(scales.twist, np.std(np.concatenate(twists), axis=0), rtol=1e-3)
-    np.testing.assert_allclose(scales.contact, np.std(np.concatenate(velocities), axis=0), rtol=1e-3)
+    np.testing.assert_allclose(
+        scales.contact, np.std(np.concatenate(velocities), axis=0), rtol=1e-3
+    )
 
 
 def test_windows_are_those_of_the_demonstrations(folder, loaded):

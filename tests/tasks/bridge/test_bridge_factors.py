@@ -15,7 +15,9 @@ from deggflow.tasks.bridge.factors import safe_factor, safe_margins, task_factor
 LENGTH, WIDTH, RADIUS, SUPPORT, CORRIDOR = 5.8, 0.72, 0.16, 0.55, 0.05
 GAP_LEFT, GAP_RIGHT, HALF_HEIGHT = 0.0, 2.0, 3.0
 TASK_SCALE = np.array([0.55, 0.55, 0.2, 0.2, 0.2, 0.2])
-CENTRES = np.array([[-2.6, 0.52], [-1.0, 0.52], [-2.0, -0.52], [-0.4, -0.52], [9.0, 9.0], [9.0, 9.0]])
+CENTRES = np.array(
+    [[-2.6, 0.52], [-1.0, 0.52], [-2.0, -0.52], [-0.4, -0.52], [9.0, 9.0], [9.0, 9.0]]
+)
 PRESENT = np.array([True] * 4 + [False] * 2)
 SMOOTH = 1e-5  # m, what |cos| and |sin| are rounded up by, times the plank's length
 
@@ -74,7 +76,9 @@ def exact_safe(pose):
     ]
     x, y = robots(pose)
     off = RADIUS + 0.1
-    return np.array(plank), np.array([GAP_LEFT - off - x, HALF_HEIGHT - off - y, y + HALF_HEIGHT - off])
+    return np.array(plank), np.array(
+        [GAP_LEFT - off - x, HALF_HEIGHT - off - y, y + HALF_HEIGHT - off]
+    )
 
 
 @settings(max_examples=60, deadline=None)

@@ -1,6 +1,7 @@
 """The bridge's network against a second implementation, robot by robot, from the same weights."""
 
 from collections import defaultdict
+from itertools import pairwise
 
 import equinox as eqx
 import jax
@@ -8,20 +9,21 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from deggflow.tasks.bridge.condition import BridgeCondition, Scales, observe, to_arrays
-from deggflow.tasks.bridge.field import BridgeField, load_field, shipped_weights
+from deggflow.tasks.bridge.condition import BridgeCondition, observe, to_arrays
+from deggflow.tasks.bridge.field import load_field, shipped_weights
 from deggflow.tasks.bridge.scenes import random_conditions
 from deggflow.weights import save_weights
 
 AGENTS, DIM, T = 6, 24, 20
-SCALES = Scales(continuation_std=(0.3,) * 40)
 evaluate = jax.jit(lambda field, tau, z, condition: field(tau, z, condition))
 seen_by = jax.jit(observe, static_argnums=1)
 
 
 @pytest.fixture(scope="module")
 def field():
-    return BridgeField(SCALES, key=jax.random.key(1))
+    """The shipped one: trained weights tell more apart than fresh ones."""
+    assert shipped_weights().is_file()
+    return load_field()
 
 
 def random_state(robots, agents=AGENTS, seed=0):
@@ -81,7 +83,9 @@ def by_hand(field, tau, z, condition):
 def test_field_is_the_papers_network(field, robots, tau):
     condition, z = random_state(robots), noise()
     found = np.asarray(evaluate(field, jnp.asarray(tau), z, condition))
-    np.testing.assert_allclose(found[:robots], by_hand(field, tau, z, condition), atol=5e-5)
+    np.testing.assert_allclose(
+        found[:robots], by_hand(field, tau, z, condition), atol=1e-3, rtol=1e-3
+    )
 
 
 def test_layer_sizes_are_the_papers(field):
@@ -93,7 +97,7 @@ def test_layer_sizes_are_the_papers(field):
     count = sum(leaf.size for leaf in jax.tree.leaves(eqx.filter(field, eqx.is_array)))
     sizes = defaultdict(int)
     for chain in ((77, 160, 160), (258, 256, 256, 256, 24)):
-        for a, b in zip(chain, chain[1:], strict=False):
+        for a, b in pairwise(chain):
             sizes[chain] += a * b + b
     assert count == sum(sizes.values()) == 242_296
 
@@ -157,11 +161,3 @@ def test_a_card_without_its_scales_is_refused(field, tmp_path, card):
     save_weights(path, field, card)
     with pytest.raises(ValueError, match="`scales` must give"):
         load_field(path)
-
-
-def test_the_shipped_field_is_of_this_architecture():
-    field = load_field()
-    assert shipped_weights().is_file()
-    condition, z = random_state(6), noise()
-    found = np.asarray(evaluate(field, jnp.asarray(0.5), z, condition))
-    np.testing.assert_allclose(found, by_hand(field, 0.5, z, condition), atol=1e-3, rtol=1e-3)

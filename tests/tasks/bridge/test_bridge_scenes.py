@@ -59,7 +59,7 @@ def test_starts_are_on_the_initial_side_with_room(conditions):
     """The plank left of x = -0.25 m and 0.25 m off the workspace; disks 0.15 m off gap and walls."""
     for condition in conditions:
         x, _, theta = condition.plank
-        assert -3.85 <= x
+        assert x >= -3.85
         assert abs(theta) <= math.radians(66)
         assert board(condition.plank).bounds[2] <= -0.25 + EXACT
         assert shrunk(WORKSPACE, 0.25).covers(board(condition.plank))

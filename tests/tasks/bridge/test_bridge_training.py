@@ -54,6 +54,9 @@ def by_hand(tau, x0, x1, contacts, ahead, target, plank_x):
     return mac + 0.16 * motion / (2 * robots * rho.sum()) + 0.45 * twist / (3 * rho.sum())
 
 
+scored = jax.jit(lambda *a: training_loss(SCALES)(wavy, *a))
+
+
 @pytest.mark.parametrize("robots", [2, 4, 6])
 @pytest.mark.parametrize("tau", [0.0, 0.4, 1.0])
 def test_loss_is_the_papers(robots, tau):
@@ -65,9 +68,10 @@ def test_loss_is_the_papers(robots, tau):
     state = jax.tree.map(lambda leaf: leaf[0], to_arrays([trial], AGENTS))
     contacts = np.asarray(state.contacts).copy()
     contacts[robots:] = rng.normal(size=(AGENTS - robots, 2))
-    state = state._replace(contacts=jnp.asarray(contacts), continuation=jnp.asarray(ahead, jnp.float32))
-    loss = jax.jit(lambda *a: training_loss(SCALES)(wavy, *a))
-    found = loss(
+    state = state._replace(
+        contacts=jnp.asarray(contacts), continuation=jnp.asarray(ahead, jnp.float32)
+    )
+    found = scored(
         jnp.asarray(tau),
         jnp.asarray(x0, jnp.float32),
         jnp.asarray(x1, jnp.float32),
@@ -81,14 +85,14 @@ def test_loss_is_the_papers(robots, tau):
 
 
 CONFIG = TrainingConfig(
-    steps=60, batch=8, learning_rate=3e-3, warmup=5, average=0.9, validate_every=20, seed=1
+    steps=40, batch=8, learning_rate=3e-3, warmup=5, average=0.8, validate_every=20, seed=1
 )
 
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory):
     path = tmp_path_factory.mktemp("bridge") / "data"
-    write_data(path, Recipe(sizes=(4,), training=6, validation=2, seed=1))
+    write_data(path, Recipe(sizes=(4,), training=4, validation=2, seed=1))
     return path
 
 
@@ -101,7 +105,7 @@ def run(data, tmp_path_factory):
 
 def test_training_lowers_the_loss(run):
     curves = read_curves(run[0] / "curves.csv")
-    assert [c.step for c in curves] == [20, 40, 60]
+    assert [c.step for c in curves] == [20, 40]
     assert curves[-1].training < 0.8 * curves[0].training
     assert curves[-1].validation < curves[0].validation
 
@@ -110,7 +114,7 @@ def test_the_weights_come_with_a_card_that_says_how(run, data):
     out, trained = run
     card = json.loads((out / "field.json").read_text())
     assert card["task"] == "bridge"
-    assert card["training"]["steps"] == 60
+    assert card["training"]["steps"] == 40
     assert card["data"]["sizes"] == [4]
     assert "--seed 1" in card["commands"][0]
     field = load_field(out / "field.safetensors")
@@ -127,10 +131,6 @@ def test_a_finished_run_is_not_trained_again(run, data):
     assert (out / "field.safetensors").read_bytes() == before
 
 
-def test_other_data_or_settings_are_not_mixed_in(run, data, tmp_path):
-    out, _ = run
+def test_other_settings_are_not_mixed_in(run, data):
     with pytest.raises(InputError, match="batch"):
-        train_field(data, out, TrainingConfig(**{**CONFIG.__dict__, "batch": 9}))
-    write_data(tmp_path, Recipe(sizes=(4,), training=2, validation=1, seed=2))
-    with pytest.raises(InputError, match="data"):
-        train_field(tmp_path, out, CONFIG)
+        train_field(data, run[0], TrainingConfig(**{**CONFIG.__dict__, "batch": 9}))

@@ -158,7 +158,9 @@ def test_moving_is_the_matrix_exponential(omega):
     pose, twist = np.array([1.0, -2.0, 0.7]), np.array([0.3, -0.2, omega])
     for seconds in (DT, 0.05, 3.0):
         found = move(pose, twist, seconds)
-        np.testing.assert_allclose(matrix(found), matrix(pose) @ expm(seconds * hat(twist)), atol=1e-9)
+        np.testing.assert_allclose(
+            matrix(found), matrix(pose) @ expm(seconds * hat(twist)), atol=1e-9
+        )
         assert found[2] == pytest.approx(0.7 + seconds * omega)
     parts = sub_poses(pose, twist)
     assert len(parts) >= 4

@@ -83,7 +83,8 @@ class Evaluation:
         return Rate(count, self.trials)
 
 
-def _policies(trials: Sequence[Trial]) -> PolicyCounts:
+def count_policies(trials: Sequence[Trial]) -> PolicyCounts:
+    """Every policy of some trials, and whether both factors end below their bounds."""
     records = [record for trial in trials for record in trial.certificate.policies]
     met = [record for record in records if record.met and record.accepted]
     return PolicyCounts(
@@ -119,7 +120,7 @@ def evaluate(field: BridgeField, size: int, count: int, seed: int, max_draws: in
             if not trial.success
         ],
         least_margin=min(trial.certificate.min_margin for trial in guided),
-        policies={"nominal": _policies(nominal), "guided": _policies(guided)},
+        policies={"nominal": count_policies(nominal), "guided": count_policies(guided)},
         refuted=_refuted(f"N = {size}, nominal", nominal) + _refuted(f"N = {size}, guided", guided),
     )
 
@@ -152,17 +153,22 @@ class Passes(NamedTuple):
     bridged: bool
 
 
+def demonstrated(count: int, seed: int) -> list[Passes]:
+    """Ways of the expert from the symmetric start."""
+    rng = np.random.default_rng([seed, 3])
+    found: list[Passes] = []
+    while len(found) < count:
+        solved = demonstrate(SYMMETRIC, random_approach(rng))
+        if solved is not None:
+            twists, bridged = solved
+            found.append(Passes(integrate(np.array(SYMMETRIC.plank), twists[:bridged]), True))
+    return found
+
+
 def passes(field: BridgeField, source: str, count: int, seed: int, max_draws: int) -> list[Passes]:
     """Ways from the symmetric start by one of `SOURCES`."""
     if source == "demonstrations":
-        rng = np.random.default_rng([seed, 3])
-        made: list[Passes] = []
-        while len(made) < count:
-            solved = demonstrate(SYMMETRIC, random_approach(rng))
-            if solved is not None:
-                twists, bridged = solved
-                made.append(Passes(integrate(np.array(SYMMETRIC.plank), twists[:bridged]), True))
-        return made
+        return demonstrated(count, seed)
     guidance = bridge_guidance(field.scales) if source == "guided" else None
     generator = BridgeGenerator(field, guidance)
     trials = generator.trials([SYMMETRIC] * count, seed=seed, max_draws=max_draws)

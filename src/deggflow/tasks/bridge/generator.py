@@ -159,8 +159,10 @@ class BridgeGenerator:
             max_draws: Limit for each policy; without guidance every policy is executed as it is drawn.
             on_round: Told before each policy what it is conditioned on.
         """
+        if max_draws < 1:
+            raise ValueError(f"`max_draws` must be at least 1; got {max_draws}.")
         runs = [_Running(condition, first + k) for k, condition in enumerate(conditions)]
-        agents = padded_robots(max(len(c.contacts) for c in conditions))
+        agents = padded_robots(max((len(c.contacts) for c in conditions), default=0))
         for policy in range(MAX_POLICIES):
             under_way = [run for run in runs if not run.over]
             if not under_way:
@@ -190,7 +192,8 @@ class BridgeGenerator:
     ) -> None:
         pending = list(range(len(runs)))
         refused: dict[int, tuple[PolicyRecord, str]] = {}
-        for number in range(max_draws if self.guided else 1):
+        limit = max_draws if self.guided else 1
+        for number in range(limit):
             numbers = np.array([runs[k].number for k in pending])
             drawn = self.policies.batch(
                 initial_noise(seed, numbers, policy, number), take(condition, np.array(pending))
@@ -207,7 +210,7 @@ class BridgeGenerator:
                 return
         for k in pending:
             record, reason = refused[k]
-            runs[k].stop(replace(record, draws=max_draws), reason)
+            runs[k].stop(replace(record, draws=limit), reason)
 
     def _try(
         self, run: _Running, drawn: Policies, row: int, draws: int, policy: int

@@ -35,7 +35,9 @@ class Policies(NamedTuple):
     effort: Float[np.ndarray, "trials agents"]  # largest |u_i|
 
 
-class _Drawn(NamedTuple):
+class Drawn(NamedTuple):
+    """Generated states and what the guidance met with, as the compiled program hands them out."""
+
     z: Float[Array, "agents dim"]
     stuck: Int[Array, " agents"]
     effort: Float[Array, " agents"]
@@ -49,12 +51,12 @@ def _draw(
     condition: BridgeCondition,
     grid: Float[Array, " points"],
     guard: StepGuard | None,
-) -> _Drawn:
-    def one(z0: Float[Array, "agents dim"], trial: BridgeCondition) -> _Drawn:
+) -> Drawn:
+    def one(z0: Float[Array, "agents dim"], trial: BridgeCondition) -> Drawn:
         out = generate(field.under(trial), guidance, z0, trial, grid=grid, guard=guard)
         bad = out.trace.infeasible | ~jnp.all(out.trace.able, axis=1)
         stuck = jnp.sum(bad & trial.mask[None], axis=0)
-        return _Drawn(out.z, stuck, jnp.max(out.trace.effort, axis=0))
+        return Drawn(out.z, stuck, jnp.max(out.trace.effort, axis=0))
 
     return jax.vmap(one)(noise, condition)
 
@@ -142,11 +144,18 @@ class PolicyGenerator:
             parts.append(self._padded(noise[index, :agents], take(condition, index)))
         return Policies(*(np.concatenate(leaves)[:count] for leaves in zip(*parts, strict=True)))
 
+    def draw(
+        self, noise: Float[np.ndarray, "trials agents dim"], condition: BridgeCondition
+    ) -> Drawn:
+        """The compiled program alone, in float32: z(1) of every trial, nothing checked yet."""
+        z0 = jnp.asarray(noise)
+        return _draw(self.field, self.guidance, z0, condition, self.grid, self.guard)
+
     def _padded(
         self, noise: Float[np.ndarray, "trials agents dim"], condition: BridgeCondition
     ) -> Policies:
         single = jax.tree.map(_single, condition)
-        drawn = _draw(self.field, self.guidance, jnp.asarray(noise), single, self.grid, self.guard)
+        drawn = self.draw(noise, single)
         with jax.enable_x64(True):
             z = jnp.asarray(np.asarray(drawn.z), jnp.float64)
             exact = jax.tree.map(jnp.asarray, condition)

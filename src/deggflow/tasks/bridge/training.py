@@ -84,7 +84,7 @@ def train_field(
         "parameters": sum(leaf.size for leaf in jax.tree.leaves(eqx.filter(trained, eqx.is_array))),
         "data": {**recipe, "windows": len(training.mask)},
         "training": asdict(config),
-        "commands": _commands(recipe, config),
+        "commands": commands(recipe, config),
         "loss": "L_MAC + 0.16 L_motion + 0.45 L_twist, tau ~ Unif[0, 1], z(0) ~ N(0, I)",
         "figures": {"training_loss": curves[-1].training, "validation_loss": curves[-1].validation},
         "scales": scales._asdict(),
@@ -102,7 +102,7 @@ def _recipe(data: Path) -> dict[str, Any]:
     return recipe
 
 
-def _commands(recipe: dict[str, Any], config: TrainingConfig) -> list[str]:
+def commands(recipe: dict[str, Any], config: TrainingConfig) -> list[str]:
     """What a user types to train these weights again."""
     made = " ".join(
         f"--{name} {recipe[name]}" for name in ("training", "validation", "seed") if name in recipe

@@ -1,0 +1,233 @@
+"""`deggflow bridge` as a user runs it: processes, exit codes, files."""
+
+import json
+import re
+import shutil
+import signal
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from deggflow.app.cli import main
+from deggflow.tasks.bridge import training
+from deggflow.tasks.bridge.formats import read_trials
+from deggflow.tasks.bridge.oracle import refutation
+from deggflow.train import TrainingConfig
+
+GOAL = {"x": -0.2, "y": 0.0, "theta": 0.0}
+CONTACTS = [[-2.4, 0.36], [-2.4, -0.36], [-1.0, 0.36]]
+
+
+def start(x, theta=0.0, contacts=CONTACTS):
+    return {"plank": {"x": x, "y": 0.0, "theta": theta}, "goal": GOAL, "contacts": contacts}
+
+
+# One has a little way to go, one is there, in one a robot stands in the gap.
+CONDITIONS = [start(-1.2, 0.1), start(-0.25), start(-1.0, contacts=[[-2.4, 0.36], [1.5, -0.36]])]
+GENERATE = ("bridge", "generate", "--conditions", "wanted.jsonl", "--seed", 5)
+
+
+def write(path, rows):
+    path.write_text("".join(json.dumps(row) + "\n" for row in rows))
+
+
+@pytest.fixture(scope="session")
+def generated(tmp_path_factory, run_deggflow):
+    """The folder of a finished run, and what the command said."""
+    folder = tmp_path_factory.mktemp("bridge")
+    write(folder / "wanted.jsonl", CONDITIONS)
+    return folder, run_deggflow(folder, *GENERATE, "--out", "trials.jsonl")
+
+
+@pytest.fixture
+def trials(generated, tmp_path):
+    """The same in the test's own folder."""
+    for path in generated[0].iterdir():
+        shutil.copy(path, tmp_path)
+    return tmp_path / "trials.jsonl"
+
+
+@pytest.fixture
+def inside(environment, tmp_path, monkeypatch, capsys):
+    """Runs the command within the tests' own process, which compiles each program once."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("DEGGFLOW_CACHE", environment["DEGGFLOW_CACHE"])
+
+    def run(*arguments):
+        with pytest.raises(SystemExit) as ended:
+            main(list(map(str, arguments)))
+        said = capsys.readouterr()
+        return SimpleNamespace(returncode=ended.value.code, stdout=said.out, stderr=said.err)
+
+    return run
+
+
+def test_help_names_every_command(deggflow):
+    assert "bridge" in deggflow("--help").stdout
+    text = deggflow("bridge", "--help").stdout
+    for command in ("data", "train", "generate", "evaluate", "render"):
+        assert command in text
+
+
+def test_trials_of_a_file_are_certified_and_none_is_refuted(generated, trials):
+    said = generated[1]
+    assert said.returncode == 3, said.stderr
+    assert "2 of 3 trials bridge the gap. They are in trials.jsonl." in said.stderr
+    lines = [json.loads(line) for line in trials.read_text().splitlines()]
+    assert [line["condition"] for line in lines] == CONDITIONS  # as given, in order
+    assert [refutation(line) for line in lines] == [None, None, None]
+    assert [trial.to_json() for trial in read_trials(trials)] == lines
+    assert {line["seed"] for line in lines} == {5}
+    moved, there, broken = lines
+    assert moved["certificate"]["satisfied"]
+    assert len(moved["certificate"]["policies"]) == -(-len(moved["twists"]) // 4)
+    assert there["outcome"] == {"success": True, "reason": None}
+    assert broken["outcome"] == {
+        "success": False,
+        "reason": "at the start robot 2 enters the gap",
+    }
+    assert there["twists"] == broken["twists"] == []
+
+
+def test_what_a_kill_leaves_is_completed_to_the_same_bytes(trials, deggflow, inside, tmp_path):
+    whole, out = trials.read_bytes(), tmp_path / "killed.jsonl"
+    process = deggflow(*GENERATE, "--out", out, start=True)
+    deadline = time.monotonic() + 60
+    while not out.exists() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    assert whole.startswith(out.read_bytes())
+    assert deggflow(*GENERATE, "--out", out).returncode == 3
+    assert out.read_bytes() == whole
+    with out.open("r+b") as file:  # as a kill in the middle of a write would leave it
+        file.truncate(len(whole) * 3 // 5)
+    assert inside(*GENERATE, "--out", out).returncode == 3
+    assert out.read_bytes() == whole
+    other = inside(*GENERATE, "--max-draws", 3, "--out", out)
+    assert other.returncode == 2
+    assert "begun with max_draws" in other.stderr
+
+
+def test_the_nominal_field_alone_never_fails_the_command(trials, inside):
+    found = inside(*GENERATE, "--guidance", "none")
+    assert found.returncode == 0, found.stderr
+    rows = [json.loads(line) for line in found.stdout.splitlines()]
+    assert not rows[2]["outcome"]["success"]
+    assert {row["certificate"]["draws"] for row in rows} == {1}
+    assert re.search(r"[12] of 3 trials bridge the gap\.", found.stderr)
+
+
+BAD = {
+    "truncated": (b'{"plank": {"x": 0', "line 1: not JSON"),
+    "unknown key": (json.dumps({**start(-3.2), "speed": 1}).encode(), "field `speed`: unknown"),
+    "overlap": (
+        json.dumps(start(-3.2, contacts=[[0, 0.36], [0.1, 0.36]])).encode(),
+        "field `contacts[1]`: robots 1 and 2 overlap",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_files_exit_with_2_in_one_line_and_touch_nothing(deggflow, tmp_path, name):
+    content, hint = BAD[name]
+    (tmp_path / "bad.jsonl").write_bytes(content)
+    found = deggflow("bridge", "generate", "--conditions", "bad.jsonl", "--out", "out.jsonl")
+    assert found.returncode == 2
+    assert found.stdout == ""
+    assert len(found.stderr.splitlines()) == 1
+    assert "bad.jsonl, line 1" in found.stderr
+    assert hint in found.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["bad.jsonl"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "hint"),
+    [
+        (("generate",), "--conditions FILE or --size"),
+        (("generate", "--size", "9"), "--size must lie in [2, 8]; got 9"),
+        (("generate", "--size", "4", "--weights", "no.safetensors"), "--weights can't be used"),
+        (("train", "--data", "nowhere", "--out", "run"), "nowhere/training.jsonl: can't be read"),
+        (("evaluate", "--sizes", "1"), "--sizes must"),
+        (("evaluate", "--figure", "ways.png"), "--figure goes with --modes"),
+        (("render", "no.jsonl"), "no.jsonl: can't be read"),
+    ],
+)
+def test_bad_arguments_exit_with_2(deggflow, tmp_path, arguments, hint):
+    found = deggflow("bridge", *arguments)
+    assert found.returncode == 2, found.stderr
+    assert hint in found.stderr
+    assert not any(tmp_path.iterdir())
+
+
+def test_every_trial_is_drawn_with_all_there_is(trials, inside):
+    """Twin, process, curves and video of the one that moved; what there is of the others."""
+    render = ("bridge", "render", "trials.jsonl", "--out", "p")
+    found = inside(
+        *(*render, "--lines", 1, "--nominal", "--process", "--curves", "--renderer", "matplotlib")
+    )
+    assert found.returncode == 0, found.stderr
+    names = [f"p/trial_0001{part}.png" for part in ("", "_process", "_q_task", "_q_safe")]
+    assert found.stdout.split() == names
+    assert all((trials.parent / name).stat().st_size > 1000 for name in names)
+    found = inside(*(*render, "--lines", 2, 3, "--curves", "--video", "--renderer", "matplotlib"))
+    assert found.returncode == 0, found.stderr
+    assert "Trial 2 has no policies" in found.stderr
+    assert [Path(line).name for line in found.stdout.split()] == [
+        f"trial_000{line}{ending}" for line in (2, 3) for ending in (".png", ".mp4")
+    ]
+
+
+def test_a_trial_that_was_not_made_from_its_seed_has_no_twin(trials, inside):
+    rows = [json.loads(line) for line in trials.read_text().splitlines()]
+    write(trials.parent / "other.jsonl", [{**rows[0], "seed": 6}])
+    refused = inside("bridge", "render", "other.jsonl", "--nominal")
+    assert refused.returncode == 2
+    assert "other.jsonl, line 1: can't be generated again" in refused.stderr
+
+
+def test_evaluation_prints_its_tables_and_keeps_its_rows(inside, tmp_path):
+    arguments = ("bridge", "evaluate", "--trials", 1, "--sizes", 2, "--out", "rows.jsonl")
+    found = inside(*arguments)
+    assert found.returncode in (0, 3), found.stderr
+    (row,) = [json.loads(line) for line in (tmp_path / "rows.jsonl").read_text().splitlines()]
+    assert (row["trials"], row["refuted"]) == (1, [])
+    assert row["guided"] + len(row["blocked"]) == 1
+    assert found.returncode == 3 * (1 - row["guided"])
+    assert row["policies"]["guided"]["generated"] > 0
+    for heading in ("success", "how nominal trials fail", "below their bounds"):
+        assert heading in found.stdout
+    assert inside(*arguments).stdout == found.stdout
+
+
+def test_sides_are_compared_with_the_demonstrations(inside, tmp_path):
+    found = inside("bridge", "evaluate", "--modes", 1, "--figure", "ways.png")
+    assert found.returncode == 0, found.stderr
+    for source in ("demonstrations", "nominal", "guided"):
+        assert source in found.stdout
+    assert (tmp_path / "ways.png").stat().st_size > 1000
+
+
+def test_the_cards_commands_are_what_a_user_types(inside, monkeypatch, tmp_path):
+    """Data are made; the training itself is too long for a test, so what it is asked for is looked at."""
+    asked = []
+
+    def train_field(data, out, config, show):
+        out.mkdir()
+        (out / "curves.csv").write_text("step,training,validation\n500,1.0,2.0\n")
+        asked.append((data, out, config))
+
+    monkeypatch.setattr(training, "train_field", train_field)
+    config = TrainingConfig(steps=1500, batch=32, learning_rate=2e-3, seed=4)
+    recipe = {"sizes": [4, 5, 6], "training": 2, "validation": 1, "seed": 3}
+    for command in training.commands(recipe, config):
+        name, *arguments = command.split()
+        assert name == "deggflow"
+        found = inside(*arguments)
+        assert found.returncode == 0, found.stderr
+    assert asked == [(Path("data"), Path("run"), config)]
+    assert json.loads((tmp_path / "data/training.jsonl.run.json").read_text()) == recipe
+    assert len((tmp_path / "data/training.jsonl").read_text().splitlines()) == 6
+    assert (tmp_path / "run/curves.png").stat().st_size > 1000

@@ -1,0 +1,199 @@
+"""Schemes against Diffrax; guarded steps against the bounds they promise; agents that stop."""
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from deggflow import (
+    DecoupledGuidance,
+    EqualShares,
+    NoGuidance,
+    Own,
+    Pooled,
+    PrivateRequirement,
+    SharedFactor,
+    SharedRequirements,
+    generate,
+    hinge_violation,
+    refined_grid,
+)
+from deggflow.solver import EULER, HEUN, RK4
+from deggflow.step_guard import StepGuard
+
+AGENTS, BUFFER = 4, 0.05
+MATRIX = jnp.array([[-1.0, 2.0], [-2.0, -0.5]])
+SCHEMES = {"Euler": (EULER, diffrax.Euler()), "Heun": (HEUN, diffrax.Heun())}
+# Diffrax has no classical Runge-Kutta of order four; its order is tested instead.
+
+
+def smooth(tau, z, condition):
+    return z @ MATRIX.T + jnp.sin(3 * tau)
+
+
+def margins(z, condition):
+    """Agents keep 1.0 apart."""
+    offset = z[:, None] - z[None] + 10.0 * jnp.eye(AGENTS)[..., None]
+    return jnp.linalg.norm(offset, axis=-1) - 1.0
+
+
+def crowd(tau, z, condition):
+    """Everybody to one point, ever faster."""
+    return (jnp.array([[1.0, 1.0]]) - z) * (2.0 + 10.0 * tau) + jnp.tanh(z @ condition)
+
+
+apart = PrivateRequirement(hinge_violation(margins, BUFFER), floor=BUFFER**2 / 2)
+
+
+def wall(tau, z, condition):
+    """The agents' mean keeps left of a wall that is steep to cross."""
+    return 5.0 * (jnp.sum(jnp.mean(z, axis=0) ** 2) - 0.25)
+
+
+def batch(guidance, guard, steps, solver=EULER, field=crowd, samples=32):
+    def one(key):
+        start, swirl = jax.random.split(key)
+        z0 = 2.0 * jax.random.normal(start, (AGENTS, 2))
+        condition = jax.random.normal(swirl, (2, 2))
+        grid = refined_grid(steps)
+        return generate(field, guidance, z0, condition, grid=grid, solver=solver, guard=guard)
+
+    return jax.jit(jax.vmap(one))(jax.random.split(jax.random.key(3), samples))
+
+
+@pytest.mark.parametrize("name", SCHEMES)
+@pytest.mark.parametrize("guard", [None, StepGuard()])
+def test_steps_equal_diffrax(name, guard, key):
+    ours, theirs = SCHEMES[name]
+    grid, z0 = refined_grid(40), jax.random.normal(key, (3, 2))
+    out = generate(smooth, NoGuidance(), z0, None, grid=grid, solver=ours, guard=guard)
+    expected = diffrax.diffeqsolve(
+        diffrax.ODETerm(lambda t, y, args: smooth(t, y, None)),
+        theirs,
+        0.0,
+        1.0,
+        None,
+        z0,
+        stepsize_controller=diffrax.StepTo(grid),
+    ).ys[-1]
+    np.testing.assert_allclose(out.z, expected, atol=1e-5)
+    assert int(out.work.refused) == 0
+
+
+@pytest.mark.parametrize(("solver", "order"), [(EULER, 1), (HEUN, 2), (RK4, 4)])
+def test_schemes_have_their_order(solver, order, key):
+    with jax.enable_x64(True):
+        z0 = jnp.asarray(np.asarray(jax.random.normal(key, (3, 2))), jnp.float64)
+
+        def end(steps):
+            grid = jnp.linspace(0.0, 1.0, steps + 1)
+            return np.asarray(generate(smooth, NoGuidance(), z0, None, grid=grid, solver=solver).z)
+
+        exact = end(400) if order == 4 else np.asarray(
+            generate(smooth, NoGuidance(), z0, None, grid=jnp.linspace(0.0, 1.0, 401), solver=RK4).z
+        )  # fmt: skip
+        errors = [np.abs(end(steps) - exact).max() for steps in (10, 20)]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.25)
+
+
+def test_a_guard_that_finds_nothing_changes_nothing():
+    guidance = DecoupledGuidance((apart,))
+    fine, guarded = batch(guidance, None, 400), batch(guidance, StepGuard(), 400)
+    calm = np.asarray(guarded.work.refused) == 0
+    assert calm.any()
+    np.testing.assert_allclose(guarded.z[calm], fine.z[calm], atol=1e-5)
+    assert np.all(np.asarray(guarded.work.evaluations)[calm] == 401)
+
+
+@pytest.mark.parametrize("solver", [EULER, HEUN, RK4], ids=lambda solver: solver.name)
+def test_every_accepted_point_is_below_its_limit_or_counted(solver):
+    out = batch(DecoupledGuidance((apart,)), StepGuard(6), 100, solver)
+    work, trace = jax.tree.map(np.asarray, (out.work, out.trace))
+    assert work.refused.sum() > 0  # the guard had something to do
+    over = (trace.value > trace.limit).any(-1).sum(-1)
+    assert np.all(over <= work.above)
+    kept = work.above == 0
+    assert kept.sum() >= 8
+    # V(z(1)) <= buffer^2 / 2: every margin holds.
+    least = jax.vmap(lambda z: jnp.min(margins(z, None)))(out.z)
+    assert np.all(np.asarray(least)[kept] >= -1e-6)
+
+
+def test_a_stiff_factor_is_kept_where_fixed_steps_break_it():
+    """The factors' recovery is left out: alpha(s) = s makes nothing good."""
+    guidance = DecoupledGuidance((SharedRequirements((SharedFactor(wall),)),))
+    fixed, guarded = batch(guidance, None, 12), batch(guidance, StepGuard(8), 12)
+    ends = [jax.vmap(lambda z: wall(1.0, z, None))(out.z) for out in (fixed, guarded)]
+    assert (ends[0] > 0).mean() > 0.2
+    kept = np.asarray(guarded.work.above) == 0
+    assert kept.mean() > 0.9
+    assert np.all(np.asarray(ends[1])[kept] <= 0)
+
+
+def test_a_sample_in_a_batch_is_what_it_is_alone():
+    """Its clock is its own: up to rounding, nothing depends on the samples beside it."""
+    guidance = DecoupledGuidance((SharedRequirements((SharedFactor(wall),)),))
+
+    @jax.jit
+    def run(key):
+        start, swirl = jax.random.split(key)
+        z0 = 2.0 * jax.random.normal(start, (AGENTS, 2))
+        condition = jax.random.normal(swirl, (2, 2))
+        return generate(crowd, guidance, z0, condition, grid=refined_grid(12), guard=StepGuard())
+
+    keys = jax.random.split(jax.random.key(3), 16)
+    together, alone = jax.jit(jax.vmap(run))(keys), [run(key) for key in keys]
+    refused = np.asarray(together.work.refused)
+    assert len(set(refused.tolist())) > 1
+    np.testing.assert_array_equal(refused, [int(one.work.refused) for one in alone])
+    np.testing.assert_allclose(together.z, np.array([one.z for one in alone]), atol=1e-3)
+
+
+def test_a_guard_without_halvings_is_refused():
+    with pytest.raises(ValueError, match="`halvings` must be at least 1"):
+        StepGuard(0)
+
+
+@pytest.mark.parametrize(
+    "requirement",
+    [apart, SharedRequirements((SharedFactor(wall),), EqualShares())],
+    ids=["private", "shared"],
+)
+def test_agents_that_stop_leave_their_share_to_the_others(requirement, key):
+    """The bound holds from the moves of those that are left."""
+    z0 = 1.5 * jax.random.normal(key, (AGENTS, 2))
+    stops = jnp.array([0.3, jnp.inf, jnp.inf, jnp.inf])
+    out = generate(
+        crowd,
+        DecoupledGuidance((requirement,)),
+        z0,
+        jnp.eye(2),
+        grid=refined_grid(400),
+        stops=stops,
+        guard=StepGuard(),
+        keep_path=True,
+    )
+    tau = np.asarray(out.trace.tau)
+    late = tau >= 0.3
+    assert np.ptp(np.asarray(out.path)[late, 0], axis=0).max() == 0
+    assert np.all(np.asarray(out.trace.effort)[late, 0] == 0)
+    assert not np.any(out.trace.infeasible)
+    assert int(out.work.above) == 0
+    assert np.all(out.trace.value[-1] <= out.trace.limit[-1])
+
+
+@pytest.mark.parametrize(("allocation", "can"), [(Pooled(), True), (Own(), False)])
+def test_who_takes_over_for_a_stopped_agent(allocation, can, key):
+    """Pooled: the others; own: nobody, and the row says so."""
+    guidance = DecoupledGuidance(
+        (PrivateRequirement(hinge_violation(margins, BUFFER), allocation),)
+    )
+    z = 0.2 * jax.random.normal(key, (AGENTS, 2))
+    moving = jnp.array([False, True, True, True])
+    state = guidance.init(z, None)
+    drift = jnp.zeros_like(z)
+    correction, report = guidance(state, jnp.asarray(0.5), z, drift, None, moving)
+    assert bool(report.infeasible[0]) != can
+    assert bool(report.able[0, 0]) == can
+    assert jnp.all(correction[0] == 0)
