@@ -1,8 +1,8 @@
 """`deggflow bridge`: data, train, generate, evaluate, render."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
@@ -152,7 +152,7 @@ def generate(
         bar = bars.add_task("policies", total=None)
 
         def show(found: "Round") -> None:
-            text = f"policy {found.policy + 1} of {len(found.trials)} trials under way"
+            text = f"policy {found.policy + 1}, {len(found.trials)} trials under way"
             bars.update(bar, description=text)
 
         def make(conditions: "list[TrialCondition]", first: int) -> "list[Trial]":
@@ -162,9 +162,11 @@ def generate(
 
         return asked.chunks(make, first)
 
-    failed = deliver(
-        target, asked.count, "trials", lambda row: not row["outcome"]["success"], chunks
-    )
+    def fails(row: Mapping[str, Any]) -> bool:
+        uncertified = guidance == "degg" and not row["certificate"]["satisfied"]
+        return uncertified or not row["outcome"]["success"]
+
+    failed = deliver(target, asked.count, "trials", fails, chunks)
     where = "" if out is None else f" They are in {out}."
     noun = "trial bridges" if asked.count == 1 else "trials bridge"
     console().print(f"{asked.count - failed} of {asked.count} {noun} the gap.{where}")

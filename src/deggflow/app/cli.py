@@ -51,6 +51,11 @@ def main(arguments: list[str] | None = None) -> None:
         code = 130
     except BrokenPipeError:
         code = UNFORESEEN
+    except OSError as error:
+        if error.filename is None:
+            raise
+        print(f"deggflow: {error.filename}: {error.strerror}", file=sys.stderr)
+        code = BAD_INPUT
     sys.exit(code)
 
 

@@ -242,7 +242,11 @@ def _refusal(run: _Running, drawn: Policies, row: int, verdict: Verdict, policy:
     stuck = drawn.stuck[row][: len(run.condition.contacts)]
     robots = ", ".join(str(k + 1) for k in np.flatnonzero(stuck))
     text = f"blocked at policy {policy + 1}: {' and '.join(missed)}"
+    effort = drawn.effort[row][: len(run.condition.contacts)]
     if robots:
         text += f"; no input of robot {robots} met its rows"
+    else:
+        hardest = int(np.argmax(effort))
+        text += f"; its rows oppose each other most at robot {hardest + 1} (|u| = {effort[hardest]:.3g})"
     place = margins(verdict.poses[-1:], run.condition.contacts)
     return f"{text}; closest there: {place.nearest(0)}"

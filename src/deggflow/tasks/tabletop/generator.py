@@ -24,6 +24,7 @@ from deggflow.guidance import (
     PrivateRequirement,
 )
 from deggflow.redraw import BATCHES, Candidate, draw, padded_batch
+from deggflow.step_guard import StepGuard
 
 from .codec import decode_exactly
 from .condition import SceneCondition, TabletopCondition, padded_size, take, to_arrays
@@ -33,6 +34,7 @@ from .scene import Scene
 from .verdict import BUFFER, Poses, judge
 
 MAX_DRAWS = 8
+GUARD = StepGuard()
 MAX_COORDINATE = 1e4  # m and rad; what lies beyond has diverged, and scene files do not hold it
 
 
@@ -76,11 +78,12 @@ def _program(
     noise: Float[Array, "scenes agents 3"],
     condition: TabletopCondition,
     grid: Float[Array, " points"],
+    guard: StepGuard | None,
 ) -> tuple[Float[Array, "scenes agents 3"], Int[Array, "scenes agents"]]:
     def one(
         z0: Float[Array, "agents 3"], scene: TabletopCondition
     ) -> tuple[Float[Array, "agents 3"], Int[Array, " agents"]]:
-        out = generate(field, guidance, z0, scene, grid=grid)
+        out = generate(field, guidance, z0, scene, grid=grid, guard=guard)
         stuck = jnp.sum(out.trace.infeasible & scene.mask[None], axis=0)
         return out.z, stuck
 
@@ -116,8 +119,9 @@ def _path_program(
     z0: Float[Array, "agents 3"],
     condition: TabletopCondition,
     grid: Float[Array, " points"],
+    guard: StepGuard | None,
 ) -> Float[Array, "points agents 3"] | None:
-    return generate(field, guidance, z0, condition, grid=grid, keep_path=True).path
+    return generate(field, guidance, z0, condition, grid=grid, guard=guard, keep_path=True).path
 
 
 class TabletopGenerator:
@@ -130,10 +134,12 @@ class TabletopGenerator:
         *,
         steps: int = DEFAULT_STEPS,
         power: float = 2.0,
+        guard: StepGuard | None = GUARD,
     ) -> None:
-        """Args: field: nominal field; guidance: `NoGuidance()` if None; steps, power: of `refined_grid`."""
+        """Args: field: nominal field; guidance: `NoGuidance()` if None; steps, power: of `refined_grid`; guard: of guided steps."""
         self.field, self.grid = field, refined_grid(steps, power)
         self.guidance = NoGuidance() if guidance is None else guidance
+        self.guard = None if guidance is None else guard
 
     def batch(
         self, noise: Float[np.ndarray, "scenes agents 3"], conditions: Sequence[SceneCondition]
@@ -153,7 +159,12 @@ class TabletopGenerator:
         count = len(noise)
         index = np.resize(np.arange(count), padded_batch(count))
         z, stuck = _program(
-            self.field, self.guidance, jnp.asarray(noise[index]), take(arrays, index), self.grid
+            self.field,
+            self.guidance,
+            jnp.asarray(noise[index]),
+            take(arrays, index),
+            self.grid,
+            self.guard,
         )
         return np.asarray(z)[:count], np.asarray(stuck)[:count]
 
@@ -161,7 +172,9 @@ class TabletopGenerator:
         """Poses of one scene at every grid point, from a given z(0)."""
         arrays = to_arrays([condition])
         size, scene = arrays.mask.shape[1], take(arrays, 0)
-        z = _path_program(self.field, self.guidance, jnp.asarray(z0[:size]), scene, self.grid)
+        z = _path_program(
+            self.field, self.guidance, jnp.asarray(z0[:size]), scene, self.grid, self.guard
+        )
         return [decode_exactly(state, condition) for state in np.asarray(z)]
 
     def scenes(
