@@ -7,6 +7,7 @@ import pytest
 import quadprog
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import linprog, nnls
 
 from deggflow.guidance import min_norm_input
 
@@ -105,3 +106,63 @@ def test_gradients_are_finite_at_zero_rows():
         return jnp.sum(min_norm_input(ell, jnp.ones(2)).u ** 2)
 
     assert jnp.all(jnp.isfinite(jax.grad(effort)(jnp.zeros((2, 3)))))
+
+
+@pytest.mark.parametrize(("rows", "inputs"), [(3, 2), (6, 4)])
+def test_any_number_of_rows_by_kkt_or_by_a_linear_program(rows, inputs):
+    """Either the KKT conditions hold, or a linear program finds no point either."""
+    drawn = [instance(seed, rows, inputs) for seed in range(200)]
+    ell, b, metric = (np.array(part) for part in zip(*drawn, strict=True))
+    nearly = np.random.default_rng(0).normal(size=ell[::5, 0].shape)
+    ell[::5, 1] = -ell[::5, 0] + 1e-4 * np.linalg.norm(ell[::5, :1], axis=-1) * nearly
+    with jax.enable_x64(True):
+        out = jax.jit(jax.vmap(min_norm_input))(*(jnp.asarray(a) for a in (ell, b, metric)))
+    u, feasible = np.asarray(out.u), np.asarray(out.feasible)
+    assert 0 < feasible.mean() < 1
+    for k in range(len(drawn)):
+        norm = np.linalg.norm(ell[k], axis=1)
+        unit, distance = ell[k] / norm[:, None], b[k] / norm
+        free = linprog(np.zeros(inputs), unit, -distance, bounds=(None, None))
+        assert feasible[k] == (free.status == 0)
+        if feasible[k]:
+            scale = 1 + np.linalg.norm(metric[k]) * np.linalg.norm(u[k])
+            gradient = 2 * metric[k] @ u[k]
+            slack = unit @ u[k] + distance
+            assert np.all(slack <= 1e-8 * scale)
+            binding = unit[slack > -1e-7 * scale]
+            left = nnls(binding.T, -gradient)[1] if len(binding) else np.linalg.norm(gradient)
+            assert left <= 1e-6 * scale
+
+
+def test_three_rows_that_contradict_each_other_are_infeasible():
+    """Half-planes around the origin that all point away from it."""
+    angle = np.array([0.0, 2.1, 4.2])
+    ell = np.stack([np.cos(angle), np.sin(angle)], -1)
+    assert not solve(ell, np.ones(3), np.eye(2))[1]
+    assert solve(ell[:2], np.ones(2), np.eye(2))[1]
+
+
+def test_a_box_limits_each_entry_and_says_so():
+    ell, b = jnp.array([[1.0, 1.0]]), jnp.array([1.0])
+    free, boxed = min_norm_input(ell, b), min_norm_input(ell, b, box=0.6)
+    np.testing.assert_allclose(boxed.u, free.u, atol=1e-6)
+    assert boxed.feasible
+    skew = jnp.array([[1.0, 0.2]])
+    u, feasible = min_norm_input(skew, b, box=0.9)
+    assert feasible
+    np.testing.assert_allclose(u, [-0.9, -0.5], atol=1e-5)
+    assert not min_norm_input(skew, b, box=0.5).feasible
+
+
+def test_a_norm_limits_the_size_and_says_so():
+    ell, b = jnp.array([[0.0, 1.0]]), jnp.array([2.0])
+    assert min_norm_input(ell, b, norm=2.5).feasible
+    u, feasible = min_norm_input(ell, b, norm=1.5)
+    assert not feasible
+    np.testing.assert_allclose(u, [0.0, -1.5], atol=1e-6)
+
+
+@pytest.mark.parametrize("limit", ["box", "norm"])
+def test_limits_must_be_positive(limit):
+    with pytest.raises(ValueError, match=f"`{limit}` must be positive"):
+        min_norm_input(jnp.ones((1, 2)), jnp.ones(1), **{limit: 0.0})

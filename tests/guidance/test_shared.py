@@ -333,6 +333,27 @@ def test_rows_of_agents_outside_a_factor_are_zero(name):
     assert np.all(one.correction[:, 4] == 0)
 
 
+def test_incidence_alone_decides_who_acts():
+    """Though the second agent could bring the factor down as well, and is drawn in no factor."""
+    factor = SharedFactor(
+        lambda tau, z, condition: jnp.sum(z), incidence=lambda c: jnp.array([True, False])
+    )
+    requirements = SharedRequirements((factor,))
+
+    @jax.jit
+    def at(z, drift):
+        state, tau = requirements.init(z, None), jnp.asarray(0.5)
+        guide = DecoupledGuidance((requirements,))
+        rows = requirements.rows(state, tau, z, drift, None, None)
+        return rows.ell, rows.b, guide((state,), tau, z, drift, None)[0]
+
+    ell, b, u = at(jnp.ones((2, 2)), jnp.array([[1.0, 1.0], [0.0, 0.0]]))
+    assert np.all(ell[:, 1] == 0)
+    assert np.all(b[:, 1] == 0)
+    assert np.all(u[1] == 0)
+    assert np.all(u[0] < 0)
+
+
 @pytest.mark.parametrize("name", SHARINGS)
 def test_an_agents_input_knows_no_other_agents_drift(name):
     """Decoupled: with another drift of agent 1, the others' inputs are the same to the bit."""

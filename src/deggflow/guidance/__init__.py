@@ -1,5 +1,6 @@
 """Decoupled guidance: every agent computes its own input, from states alone."""
 
+from .agent import AgentInput, Told, agent_input, told
 from .allocation import AbstractAllocation, Local, Own, Pooled
 from .bound import AbstractBound, TighteningBound
 from .decoupled import AbstractGuidance, DecoupledGuidance, GuidanceReport, NoGuidance
@@ -18,6 +19,7 @@ __all__ = [
     "AbstractSchedule",
     "AbstractSharing",
     "AdaptiveShares",
+    "AgentInput",
     "DecoupledGuidance",
     "EqualShares",
     "FixedShares",
@@ -34,6 +36,9 @@ __all__ = [
     "SharedFactor",
     "SharedRequirements",
     "TighteningBound",
+    "Told",
+    "agent_input",
     "hinge_violation",
     "min_norm_input",
+    "told",
 ]

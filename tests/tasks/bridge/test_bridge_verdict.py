@@ -255,6 +255,15 @@ def test_what_happens_within_an_action_counts():
     assert turned.reason == "the plank leaves the workspace"
 
 
+def test_what_is_broken_is_named_where_it_breaks():
+    """Before, the wall was nearer than the gap; the wall was not what was hit."""
+    contacts = ((-0.1, 0.36),)
+    start, fast = np.array([-0.5, 2.27, 0.0]), np.array([[4.0, 0.0, 0.0]])
+    assert margins(start, contacts).wall[0] < margins(start, contacts).gap[0]
+    found = execute(start, fast, contacts)
+    assert found.reason == "robot 1 enters the gap"
+
+
 def test_a_failure_within_the_action_that_bridges_is_a_failure():
     contacts = ((-0.1, 0.36),)
     start = np.array([-0.36, 0.0, 0.0])

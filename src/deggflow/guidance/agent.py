@@ -1,0 +1,74 @@
+"""One agent's view: its input from its own drift and from what it must be told, and nothing else.
+
+This is what a process per agent runs: the others' states come in once a step, no input and no drift of theirs.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from .decoupled import DecoupledGuidance
+from .qp import min_norm_input
+
+
+class AgentInput(NamedTuple):
+    """What one agent does at one step."""
+
+    u: Float[Array, " inputs"]
+    correction: Float[Array, " dim"]  # g_i u_i, added to its drift
+    feasible: Bool[Array, ""]
+
+
+class Told(NamedTuple):
+    """What an agent must be told, in bytes."""
+
+    states: int  # z_j of every other agent, each step
+    start: int  # z_j(0) of every other agent, once: bounds and gains begin from there
+
+    @property
+    def per_step(self) -> int:
+        """Bytes in every step."""
+        return self.states
+
+
+def agent_input(
+    guidance: DecoupledGuidance,
+    state: Any,
+    agent: Int[Array, ""],
+    tau: Float[Array, ""],
+    z: Float[Array, "agents dim"],
+    drift: Float[Array, " dim"],
+    condition: Any,
+    moving: Bool[Array, " agents"] | None = None,
+) -> AgentInput:
+    """The input of a single agent, equal to its part of the batched computation.
+
+    Args:
+        guidance: The team's guidance; every agent has the same copy.
+        state: `guidance.init(z0, condition)`, made once from z(0).
+        agent: Which agent.
+        tau: Generative time.
+        z: Its own state and those it was told.
+        drift: Its own nominal drift f_i; nobody else's is needed.
+        condition: What field and requirements are conditioned on.
+        moving: Who still moves.
+    """
+    # The others' drifts stay unknown: were one of them used, the input would not be a number.
+    known = jnp.full_like(z, jnp.nan).at[agent].set(drift)
+    control = None if guidance.control is None else guidance.control(tau, z, condition)
+    rows = [
+        requirement.rows(own, tau, z, known, control, condition, moving)
+        for requirement, own in zip(guidance.requirements, state, strict=True)
+    ]
+    ell = jnp.concatenate([row.ell[:, agent] for row in rows])
+    b = jnp.concatenate([row.b[:, agent] for row in rows])
+    u, feasible = min_norm_input(ell, b, guidance.metric)
+    return AgentInput(u, u if control is None else control[agent] @ u, feasible)
+
+
+def told(z: Float[Array, "agents dim"] | jax.ShapeDtypeStruct) -> Told:
+    """Bytes that one agent of a team hears, where requirements depend on everybody's state."""
+    others = (z.shape[0] - 1) * z.shape[1] * z.dtype.itemsize
+    return Told(others, others)
