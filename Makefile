@@ -9,7 +9,7 @@ help:
 	@echo "make demo   set up, generate certified scenes, draw them into demo/"
 	@echo "make test   set up, run the tests"
 	@echo "make lint   set up, check style and types"
-	@echo "make bench  set up, time guided against nominal generation"
+	@echo "make bench  set up, time guided against nominal generation, and one policy of the bridge"
 
 $(VENV)/.base: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "deggflow needs Python >= 3.11; set PYTHON=/path/to/python"; exit 1; }
@@ -39,6 +39,7 @@ lint: $(VENV)/.dev
 
 bench: $(VENV)/.dev
 	@$(BIN)/python benchmarks/guided_over_nominal.py
+	@$(BIN)/python benchmarks/bridge_policy.py
 
 clean:
 	rm -rf $(VENV) demo .pytest_cache .mypy_cache .ruff_cache .hypothesis
