@@ -43,12 +43,14 @@ def data(out: Path, training: int = 3_000, validation: int = 200, seed: int = 0)
     in_range("validation", validation, 1, MAX_COUNT)
     in_range("seed", seed, 0, MAX_SEED // 2)  # training and validation use 2 seed and 2 seed + 1
     prepare_jax()
-    from deggflow.tasks.bridge.data import Recipe, write_data
+    from deggflow.tasks.bridge.data import Recipe, approaches, write_data
 
     recipe = Recipe(training=training, validation=validation, seed=seed)
     with progress() as bars:
         bar = bars.add_task("demonstrations", total=None)
         write_data(out, recipe, lambda done, total: bars.update(bar, completed=done, total=total))
+    for way, rate in approaches(out / "training.jsonl").items():
+        console().print(f"{way}: {rate} of the training demonstrations")
     console().print(f"Training and validation demonstrations are in {out}.")
     return SATISFIED
 

@@ -9,7 +9,13 @@ import pytest
 
 from deggflow.jsonl import InputError
 from deggflow.tasks.bridge.codec import decode_twists, spline_matrix
-from deggflow.tasks.bridge.data import Recipe, load_dataset, read_demonstrations, write_data
+from deggflow.tasks.bridge.data import (
+    Recipe,
+    approaches,
+    load_dataset,
+    read_demonstrations,
+    write_data,
+)
 from deggflow.tasks.bridge.expert import random_demonstration
 
 SIZES, TRAINING, VALIDATION = (4, 6), 4, 2
@@ -230,3 +236,13 @@ def test_disturbed_continuations_leave_the_target_as_it_is(folder, loaded):
     decoded = jax.jit(jax.vmap(lambda z, c: decode_twists(z, c, scales)))
     twists = np.asarray(decoded(shaken.z, shaken.condition.condition))
     assert np.abs(twists - np.asarray(shaken.condition.twists)).max() < 0.4
+
+
+def test_shares_of_the_ways_to_approach_are_counts_of_the_file(folder):
+    rates = approaches(folder / TRAINING_FILE)
+    assert set(rates) == {"left, early", "left, late", "right, early", "right, late"}
+    assert sum(rate.hits for rate in rates.values()) == TRAINING * len(SIZES)
+    lines = (folder / TRAINING_FILE).read_text().splitlines()
+    kept = [json.loads(line)["approach"] for line in lines]
+    late_left = sum(one["side"] == "left" and one["turn"] == "late" for one in kept)
+    assert rates["left, late"] == (late_left, TRAINING * len(SIZES))

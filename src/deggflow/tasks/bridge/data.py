@@ -1,5 +1,6 @@
 """Demonstrations of the bridge: made, written, read back as training windows."""
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -9,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from deggflow.jsonl import InputError, ResumableOutput, expect_object, read_lines
+from deggflow.statistics import Rate
 from deggflow.train import Dataset
 
 from .codec import continuation, spline_coefficients, spline_matrix
@@ -107,6 +109,13 @@ def write_data(
                 output.append([to_json(demonstration) for demonstration in made])
                 done += len(made)
                 on_progress(done, total)
+
+
+def approaches(path: Path) -> dict[str, Rate]:
+    """How often each way to approach occurs among the demonstrations of a file."""
+    found = Counter(f"{d.approach.side}, {d.approach.turn}" for d in read_demonstrations(path))
+    ways = [f"{side}, {turn}" for side in ("left", "right") for turn in TURNS]
+    return {way: Rate(found[way], found.total()) for way in ways}
 
 
 def _shake(count: int, seed: int) -> Float[np.ndarray, "windows horizon 3"]:
