@@ -37,9 +37,12 @@ def main(settings: Settings) -> None:
     field = load_field()
     ways = {
         "nominal": TabletopGenerator(field),
-        "pooled, re-anchored (default)": TabletopGenerator(field, tabletop_guidance()),
-        "own": TabletopGenerator(field, tabletop_guidance(OWN, reanchored=False)),
-        "local, re-anchored": TabletopGenerator(field, tabletop_guidance(LOCAL)),
+        "pooled, guarded (default)": TabletopGenerator(field, tabletop_guidance()),
+        "pooled, fixed steps": TabletopGenerator(field, tabletop_guidance(), guard=None),
+        "own (paper), fixed steps": TabletopGenerator(
+            field, tabletop_guidance(OWN, reanchored=False), guard=None
+        ),
+        "local, fixed steps": TabletopGenerator(field, tabletop_guidance(LOCAL), guard=None),
     }
     conditions = random_conditions(settings.size, settings.batch, "changed", settings.seed)
     noise = initial_noise(settings.seed, np.arange(settings.batch), 0)
