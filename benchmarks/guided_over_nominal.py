@@ -24,6 +24,7 @@ class Settings:
 
 def main(settings: Settings) -> None:
     prepare_jax()
+    from deggflow.step_guard import StepGuard
     from deggflow.tasks.tabletop.changes import random_conditions
     from deggflow.tasks.tabletop.field import load_field
     from deggflow.tasks.tabletop.generator import (
@@ -37,12 +38,10 @@ def main(settings: Settings) -> None:
     field = load_field()
     ways = {
         "nominal": TabletopGenerator(field),
-        "pooled, guarded (default)": TabletopGenerator(field, tabletop_guidance()),
-        "pooled, fixed steps": TabletopGenerator(field, tabletop_guidance(), guard=None),
-        "own (paper), fixed steps": TabletopGenerator(
-            field, tabletop_guidance(OWN, reanchored=False), guard=None
-        ),
-        "local, fixed steps": TabletopGenerator(field, tabletop_guidance(LOCAL), guard=None),
+        "pooled, re-anchored (default)": TabletopGenerator(field, tabletop_guidance()),
+        "the same, guarded steps": TabletopGenerator(field, tabletop_guidance(), guard=StepGuard()),
+        "own (paper)": TabletopGenerator(field, tabletop_guidance(OWN, reanchored=False)),
+        "local, re-anchored": TabletopGenerator(field, tabletop_guidance(LOCAL)),
     }
     conditions = random_conditions(settings.size, settings.batch, "changed", settings.seed)
     noise = initial_noise(settings.seed, np.arange(settings.batch), 0)

@@ -119,12 +119,12 @@ def compare(
     allocation: str,
     reanchored: bool,
 ) -> Comparison:
-    """First draws of one way to guide, by fixed steps: a guard would mend what they are compared for."""
+    """First draws of one way to guide."""
     conditions = random_conditions(size, cases, requirements, seed)
     noise = initial_noise(seed, np.arange(cases), 0)
     guidance = tabletop_guidance(ALLOCATIONS[allocation], reanchored=reanchored)
     nominal = TabletopGenerator(field).batch(noise, conditions)
-    guided = TabletopGenerator(field, guidance, guard=None).batch(noise, conditions)
+    guided = TabletopGenerator(field, guidance).batch(noise, conditions)
     verdicts = judge(conditions, guided.poses)
     return Comparison(
         size,

@@ -34,7 +34,6 @@ from .scene import Scene
 from .verdict import BUFFER, Poses, judge
 
 MAX_DRAWS = 8
-GUARD = StepGuard()
 MAX_COORDINATE = 1e4  # m and rad; what lies beyond has diverged, and scene files do not hold it
 
 
@@ -134,9 +133,9 @@ class TabletopGenerator:
         *,
         steps: int = DEFAULT_STEPS,
         power: float = 2.0,
-        guard: StepGuard | None = GUARD,
+        guard: StepGuard | None = None,
     ) -> None:
-        """Args: field: nominal field; guidance: `NoGuidance()` if None; steps, power: of `refined_grid`; guard: of guided steps."""
+        """Args: field: nominal field; guidance: `NoGuidance()` if None; steps, power: of `refined_grid`; guard: of guided steps; fixed steps if None."""
         self.field, self.grid = field, refined_grid(steps, power)
         self.guidance = NoGuidance() if guidance is None else guidance
         self.guard = None if guidance is None else guard
