@@ -2,7 +2,15 @@ import json
 
 import pytest
 
-from deggflow.jsonl import MAX_LINE, InputError, ResumableOutput, parse_line, read_lines
+from deggflow.jsonl import (
+    MAX_LINE,
+    InputError,
+    ResumableOutput,
+    expect_list,
+    expect_text,
+    parse_line,
+    read_lines,
+)
 
 SETTINGS = {"seed": 0, "count": 4}
 
@@ -34,6 +42,23 @@ def test_errors_are_one_line_with_file_and_line(tmp_path):
         read_lines(path, lambda value: value, "thing")
     assert str(caught.value).startswith(f"{path}, line 2: not JSON")
     assert "\n" not in str(InputError("two\nlines \x07", file="a\nb"))
+
+
+@pytest.mark.parametrize(
+    ("expect", "good", "bad", "reason"),
+    [
+        (expect_text, ["", "a"], [None, 1, True, ["a"], {}], "must be text; got "),
+        (expect_list, [[], ["a", 1]], [None, 1, True, "a", {"a": 1}], "must be a list; got "),
+    ],
+)
+def test_text_and_lists_are_told_from_everything_else(expect, good, bad, reason):
+    for value in good:
+        assert expect(value, "a.b") is value
+    for value in bad:
+        with pytest.raises(InputError) as caught:
+            expect(value, "a.b")
+        assert caught.value.field == "a.b"
+        assert caught.value.reason == reason + (value if value == "a" else json.dumps(value))
 
 
 def test_an_interrupted_file_is_completed(tmp_path):

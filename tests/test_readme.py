@@ -12,6 +12,10 @@ def blocks(language):
     return re.findall(rf"```{language}\n(.*?)```", README.read_text(), re.DOTALL)
 
 
+def without_numbers(text):
+    return re.sub(r"[-+.e\d]+", "#", re.sub(r" +", " ", text)).split()
+
+
 def test_your_own_problem(tmp_path):
     (program,) = blocks("python")
     found = subprocess.run(
@@ -22,8 +26,8 @@ def test_your_own_problem(tmp_path):
         check=True,
     )
     (shown,) = blocks("text")
-    assert found.stdout.startswith(shown.strip().removesuffix("...)"))
-    assert "draws=1, reason=None" in found.stdout
+    # Digits may differ from machine to machine, what is said does not.
+    assert without_numbers(found.stdout) == without_numbers(shown)
 
 
 def test_it_fits_into_thirty_lines():

@@ -4,8 +4,8 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .certificate import Certificate, certify
-    from .generation import Generation, generate, refined_grid
+    from .certificate import Certificate, Trajectory, certify
+    from .generation import Generation, generate, generate_batch, refined_grid
     from .guidance import (
         AdaptiveShares,
         DecoupledGuidance,
@@ -22,13 +22,15 @@ if TYPE_CHECKING:
         hinge_violation,
         min_norm_input,
     )
+    from .solver import EULER, HEUN, RK4
+    from .step_guard import StepGuard
 
 __version__ = "0.1.0"
 
 # Loaded when first used: `deggflow --help` must not wait for JAX.
 _HOME = {
-    "certificate": ("Certificate", "certify"),
-    "generation": ("Generation", "generate", "refined_grid"),
+    "certificate": ("Certificate", "Trajectory", "certify"),
+    "generation": ("Generation", "generate", "generate_batch", "refined_grid"),
     "guidance": (
         "AdaptiveShares",
         "DecoupledGuidance",
@@ -45,10 +47,15 @@ _HOME = {
         "hinge_violation",
         "min_norm_input",
     ),
+    "solver": ("EULER", "HEUN", "RK4"),
+    "step_guard": ("StepGuard",),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
+    "EULER",
+    "HEUN",
+    "RK4",
     "AdaptiveShares",
     "Certificate",
     "DecoupledGuidance",
@@ -62,9 +69,12 @@ __all__ = [
     "PrivateRequirement",
     "SharedFactor",
     "SharedRequirements",
+    "StepGuard",
     "TighteningBound",
+    "Trajectory",
     "certify",
     "generate",
+    "generate_batch",
     "hinge_violation",
     "min_norm_input",
     "refined_grid",

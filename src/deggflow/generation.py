@@ -1,37 +1,18 @@
-"""Algorithm 1: guided generation of one sample."""
+"""Algorithm 1: guided generation, of one sample or of many."""
 
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float
 
 from .flow import Field
 from .guidance import AbstractGuidance, GuidanceReport
 from .solver import EULER, RungeKutta
-from .step_guard import StepGuard, Velocity, guarded_steps
+from .step_guard import GuardedSteps, Lane, StepGuard, Velocity, finish
+from .trace import Trace, Work
 
 DEFAULT_STEPS = 100
-
-
-class Trace(NamedTuple):
-    """The generation before each step; with a step guard at every grid point, tau = 1 included."""
-
-    tau: Float[Array, " points"]
-    value: Float[Array, "points rows"]  # V or q of each requirement
-    bound: Float[Array, "points rows"]  # what the theorem promises of it
-    limit: Float[Array, "points rows"]  # what a discrete step may reach
-    able: Bool[Array, "points rows agents"]  # the theorem's condition for a feasible row holds
-    infeasible: Bool[Array, "points agents"]  # this agent had no input that meets its rows
-    effort: Float[Array, "points agents"]  # |u_i|
-
-
-class Work(NamedTuple):
-    """What the generation took."""
-
-    evaluations: Int[Array, ""]  # of the guided field at the points that steps reached
-    refused: Int[Array, ""]  # steps that landed above a limit and were halved
-    above: Int[Array, ""]  # steps that were taken although they landed above a limit
 
 
 class Generation(NamedTuple):
@@ -85,7 +66,74 @@ def generate(
     Source: paper, alg:guided_sampling.
     """
     grid = refined_grid() if grid is None else grid
-    state = guidance.init(z0, condition)
+    velocity, state = _velocity(field, guidance, condition, stops), guidance.init(z0, condition)
+    if guard is None:
+        return _fixed_steps(velocity, state, z0, grid, solver, keep_path)
+    steps = GuardedSteps(grid, solver, guard)
+    end = jax.lax.while_loop(
+        steps.unfinished,
+        lambda lane: steps.advance(velocity, guidance.landed, lane),
+        steps.start(velocity, state, z0, keep_path),
+    )
+    return _generation(grid, end)
+
+
+def generate_batch(
+    field: Field,
+    guidance: AbstractGuidance,
+    z0: Float[Array, "samples agents dim"],
+    condition: Any,
+    *,
+    grid: Float[Array, " points"] | None = None,
+    solver: RungeKutta = EULER,
+    guard: StepGuard | None = None,
+    stops: Float[Array, "samples agents"] | None = None,
+    keep_path: bool = False,
+) -> Generation:
+    """`generate` of many samples at once; nothing but the time it takes depends on which are together.
+
+    Under `jax.vmap(generate)` every sample of a batch with guarded steps costs as much as the slowest; here the
+    slow ones are gathered and finished by themselves.
+
+    Args: as of `generate`, where `z0`, `stops` and the leaves of `condition` have a leading axis of samples.
+    """
+    grid = refined_grid() if grid is None else grid
+    if guard is None:
+
+        def fixed(z0: Float[Array, "agents dim"], given: tuple[Any, Any]) -> Generation:
+            condition, stops = given
+            return generate(
+                field, guidance, z0, condition,
+                grid=grid, solver=solver, stops=stops, keep_path=keep_path,
+            )  # fmt: skip
+
+        return jax.vmap(fixed)(z0, (condition, stops))
+    steps = GuardedSteps(grid, solver, guard)
+
+    def start(z0: Float[Array, "agents dim"], given: tuple[Any, Any]) -> Lane:
+        state = guidance.init(z0, given[0])
+        return steps.start(_velocity(field, guidance, *given), state, z0, keep_path)
+
+    def advance(given: tuple[Any, Any], lane: Lane) -> Lane:
+        return steps.advance(_velocity(field, guidance, *given), guidance.landed, lane)
+
+    given = (condition, stops)
+    end = finish(steps, advance, given, jax.vmap(start)(z0, given))
+    return _generation(jnp.broadcast_to(grid, (len(z0), len(grid))), end)
+
+
+def _generation(tau: Float[Array, "... points"], end: Lane) -> Generation:
+    work = Work(end.evaluations, end.refused, end.above)
+    return Generation(end.z, Trace(tau, *end.reports), end.path, work)
+
+
+def _velocity(
+    field: Field,
+    guidance: AbstractGuidance,
+    condition: Any,
+    stops: Float[Array, " agents"] | None,
+) -> Velocity:
+    """dz/dtau of the guided field."""
 
     def velocity(
         state: Any, tau: Float[Array, ""], z: Float[Array, "agents dim"]
@@ -99,11 +147,7 @@ def generate(
         correction, report = guidance(state, tau, z, drift, condition, moving)
         return drift + jnp.where(moving[:, None], correction, 0.0), report
 
-    if guard is not None:
-        end = guarded_steps(velocity, guidance.landed, state, z0, grid, solver, guard, keep_path)
-        work = Work(end.evaluations, end.refused, end.above)
-        return Generation(end.z, Trace(grid, *end.reports), end.path, work)
-    return _fixed_steps(velocity, state, z0, grid, solver, keep_path)
+    return velocity
 
 
 def _fixed_steps(
@@ -122,11 +166,10 @@ def _fixed_steps(
         tau, after = span
         slope, report = velocity(state, tau, z)
         moved = solver.step(lambda t, x: velocity(state, t, x)[0], tau, z, slope, after - tau)
-        return moved, (report, z if keep_path else None)
+        # No step follows tau = 1, where some fields are infinite.
+        return jnp.where(after > tau, moved, z), (report, z if keep_path else None)
 
-    z, (reports, path) = jax.lax.scan(step, z0, (grid[:-1], grid[1:]))
-    if path is not None:
-        path = jnp.concatenate([path, z[None]])
+    ahead = jnp.append(grid[1:], grid[-1])
+    z, (reports, path) = jax.lax.scan(step, z0, (grid, ahead))
     none = jnp.asarray(0)
-    work = Work(jnp.asarray(len(grid) - 1), none, none)
-    return Generation(z, Trace(grid[:-1], *reports), path, work)
+    return Generation(z, Trace(grid, *reports), path, Work(jnp.asarray(len(grid)), none, none))

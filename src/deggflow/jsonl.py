@@ -149,6 +149,20 @@ def expect_flag(value: Any, field: str) -> bool:
     return value
 
 
+def expect_text(value: Any, field: str) -> str:
+    """Checks that a value is text."""
+    if not isinstance(value, str):
+        raise InputError(f"must be text; got {shorten(value)}", field=field)
+    return value
+
+
+def expect_list(value: Any, field: str) -> list[Any]:
+    """Checks that a value is a list."""
+    if not isinstance(value, list):
+        raise InputError(f"must be a list; got {shorten(value)}", field=field)
+    return value
+
+
 def expect_reason(value: Any, field: str) -> str | None:
     """Checks that a value is text or null."""
     if not isinstance(value, str | None):

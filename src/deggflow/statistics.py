@@ -4,6 +4,8 @@ from typing import NamedTuple
 
 from scipy.stats import binomtest
 
+MANY = 5_000  # cases from which on a second digit means something
+
 
 class Rate(NamedTuple):
     """A count out of a number of independent cases."""
@@ -23,4 +25,6 @@ class Rate(NamedTuple):
 
     def __str__(self) -> str:
         low, high = self.interval()
-        return f"{100 * self.share:.1f}% [{100 * low:.1f}, {100 * high:.1f}]"
+        digits = 1 if self.cases < MANY else 2
+        share, *ends = (f"{100 * each:.{digits}f}" for each in (self.share, low, high))
+        return f"{share}% [{', '.join(ends)}]"

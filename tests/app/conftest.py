@@ -1,11 +1,14 @@
-"""The command as a user runs it: a process."""
+"""The command as a user runs it: a process, or, where that takes too long, a call of its main function."""
 
 import os
 import subprocess
 import sys
 from functools import partial
+from types import SimpleNamespace
 
 import pytest
+
+from deggflow.app.cli import main
 
 
 @pytest.fixture(scope="session")
@@ -39,3 +42,18 @@ def run_deggflow(environment):
 def deggflow(run_deggflow, tmp_path):
     """Runs the command in the test's own folder."""
     return partial(run_deggflow, tmp_path)
+
+
+@pytest.fixture
+def inside(environment, tmp_path, monkeypatch, capsys):
+    """Runs the command within the tests' own process, which compiles each program once."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("DEGGFLOW_CACHE", environment["DEGGFLOW_CACHE"])
+
+    def run(*arguments):
+        with pytest.raises(SystemExit) as ended:
+            main(list(map(str, arguments)))
+        said = capsys.readouterr()
+        return SimpleNamespace(returncode=ended.value.code, stdout=said.out, stderr=said.err)
+
+    return run

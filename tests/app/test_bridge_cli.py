@@ -6,11 +6,9 @@ import shutil
 import signal
 import time
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
-from deggflow.app.cli import main
 from deggflow.tasks.bridge import training
 from deggflow.tasks.bridge.formats import read_trials
 from deggflow.tasks.bridge.oracle import refutation
@@ -49,25 +47,10 @@ def trials(generated, tmp_path):
     return tmp_path / "trials.jsonl"
 
 
-@pytest.fixture
-def inside(environment, tmp_path, monkeypatch, capsys):
-    """Runs the command within the tests' own process, which compiles each program once."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("DEGGFLOW_CACHE", environment["DEGGFLOW_CACHE"])
-
-    def run(*arguments):
-        with pytest.raises(SystemExit) as ended:
-            main(list(map(str, arguments)))
-        said = capsys.readouterr()
-        return SimpleNamespace(returncode=ended.value.code, stdout=said.out, stderr=said.err)
-
-    return run
-
-
 def test_help_names_every_command(deggflow):
     assert "bridge" in deggflow("--help").stdout
     text = deggflow("bridge", "--help").stdout
-    for command in ("data", "train", "generate", "evaluate", "render"):
+    for command in ("data", "train", "generate", "certify", "evaluate", "render"):
         assert command in text
 
 
@@ -78,7 +61,8 @@ def test_trials_of_a_file_are_certified_and_none_is_refuted(generated, trials):
     lines = [json.loads(line) for line in trials.read_text().splitlines()]
     assert [line["condition"] for line in lines] == CONDITIONS  # as given, in order
     assert [refutation(line) for line in lines] == [None, None, None]
-    assert [trial.to_json() for trial in read_trials(trials)] == lines
+    again = [json.loads(json.dumps(trial.to_json())) for trial in read_trials(trials)]
+    assert again == lines
     assert {line["seed"] for line in lines} == {5}
     moved, there, broken = lines
     assert moved["certificate"]["satisfied"]
@@ -111,6 +95,121 @@ def test_what_a_kill_leaves_is_completed_to_the_same_bytes(trials, deggflow, ins
     assert "begun with max_draws" in other.stderr
 
 
+def edited(value, path, new):
+    out = json.loads(json.dumps(value))
+    *way, last = path
+    place = out
+    for key in way:
+        place = place[key]
+    place[last] = new
+    return out
+
+
+def totals(bridged, refuted, *rows):
+    """What is said of some lines at the end; speeds of contact points in complex numbers."""
+    moving = [
+        abs(complex(vx, vy) + 1j * turn * complex(*r))
+        for row in rows
+        for vx, vy, turn in row["twists"]
+        for r in row["condition"]["contacts"]
+    ]
+    return (
+        f"{bridged} of {len(rows)} trials bridge the gap; the replay refutes what {refuted} say; "
+        f"the fastest contact point moved at {max(moving, default=0.0):.3f} m/s."
+    )
+
+
+def test_trials_are_certified_anew(trials, inside):
+    """All that is said is true, but in one a robot stands in the gap."""
+    rows = [json.loads(line) for line in trials.read_text().splitlines()]
+    found = inside("bridge", "certify", trials)
+    assert found.returncode == 3
+    assert found.stderr == ""
+    assert totals(2, 0, *rows) in found.stdout
+    assert found.stdout.count("the replay agrees") == 3
+    assert "NOT satisfied: at the start robot 2 enters the gap" in found.stdout
+    good = inside("bridge", "certify", trials, "--lines", 1, 2)
+    assert good.returncode == 0
+    assert totals(2, 0, *rows[:2]) in good.stdout
+    assert "line 3" not in good.stdout
+    # A line for each policy, with the names of its columns above.
+    for policy in rows[0]["certificate"]["policies"]:
+        assert f"{policy['q_task']:.4f}" in good.stdout
+    assert all(name in good.stdout for name in ("q_task", "bound", "q_safe", "conditions held"))
+    quiet = inside("bridge", "certify", trials, "--quiet")
+    assert (quiet.returncode, quiet.stdout.strip()) == (3, totals(2, 0, *rows))
+
+
+def test_what_was_tampered_with_is_not_certified(trials, inside):
+    rows = [json.loads(line) for line in trials.read_text().splitlines()]
+    moved, _, broken = rows
+    poses = moved["poses"]
+    for where, row, path, new, text in (
+        (1, moved, ("poses", 3, 1), poses[3][1] + 0.01, "pose 3 is not where the twists lead"),
+        (1, moved, ("twists", 0), [0.0, 0.0, 0.0], "pose 1 is not where the twists lead"),
+        (1, moved, ("certificate", "min_margin"), 2.0, "the least margin is"),
+        (1, moved, ("certificate", "policies", 0, "accepted"), False, "misses a bound"),
+        (3, broken, ("certificate", "satisfied"), True, "a trial that failed is certified"),
+    ):
+        bad = edited(row, path, new)
+        write(trials, [*rows[: where - 1], bad, *rows[where:]])
+        found = inside("bridge", "certify", trials, "--lines", where)
+        assert found.returncode == 3
+        assert f"line {where}: the replay finds that " in found.stdout
+        assert text in found.stdout
+        assert totals(0, 1, bad) in found.stdout
+        whole = inside("bridge", "certify", trials, "--quiet")
+        assert whole.returncode == 3
+        others = [each for each in rows if each is not row]
+        assert whole.stdout.strip() == totals(1 if where == 1 else 2, 1, bad, *others)
+
+
+def test_what_is_no_trial_is_refused(trials, inside):
+    rows = [json.loads(line) for line in trials.read_text().splitlines()]
+    for path, new, text in (
+        (("certificate", "satisfied"), 1, "field `certificate.satisfied`: must be true or false"),
+        (("poses", 0), [0, 0, 0], "field `poses[0]`: must be the condition's plank pose"),
+        (("certificate", "speed_limit"), -1, "field `certificate.speed_limit`: must lie in"),
+        (
+            ("certificate", "policies", 0, "generation", "requirements", 1, "value"),
+            "low",
+            "field `certificate.policies[0].generation.requirements[1].value`: must be a number",
+        ),
+    ):
+        write(trials, [rows[1], edited(rows[0], path, new)])
+        found = inside("bridge", "certify", trials)
+        assert (found.returncode, found.stdout) == (2, "")
+        assert len(found.stderr.splitlines()) == 1
+        assert f"trials.jsonl, line 2, {text}" in found.stderr
+    write(trials, rows)
+    outside = inside("bridge", "certify", trials, "--lines", 4)
+    assert outside.returncode == 2
+    assert "--lines must lie in [1, 3]; got 4" in outside.stderr
+
+
+def test_a_speed_limit_that_is_too_tight_stops_the_team(inside, tmp_path):
+    write(tmp_path / "wanted.jsonl", CONDITIONS[:1])
+    limited = ("--speed-limit", 0.01, "--max-draws", 2, "--out", "slow.jsonl")
+    found = inside(*GENERATE, *limited)
+    assert found.returncode == 3, found.stderr
+    assert "0 of 1 trial bridges the gap" in found.stderr
+    row = json.loads((tmp_path / "slow.jsonl").read_text())
+    assert row["certificate"]["speed_limit"] == 0.01
+    assert not row["certificate"]["satisfied"]
+    *done, last = row["certificate"]["policies"]
+    assert all(policy["speed"] <= 0.01 for policy in done)
+    assert not last["accepted"]
+    assert "blocked at policy" in row["outcome"]["reason"]
+    assert last["speed"] > 0.01
+    said = re.search(r"robot ([1-3]) would move at ([0-9.]+) m/s", row["outcome"]["reason"])
+    assert float(said[2]) == pytest.approx(last["speed"], abs=5e-4)
+    assert refutation(row) is None
+    assert inside("bridge", "certify", "slow.jsonl").returncode == 3
+    other = inside(*GENERATE, "--speed-limit", 0.02, *limited[2:])
+    assert other.returncode == 2
+    assert "begun with speed_limit = 0.01, not 0.02" in other.stderr
+
+
 def test_the_nominal_field_alone_never_fails_the_command(trials, inside):
     found = inside(*GENERATE, "--guidance", "none")
     assert found.returncode == 0, found.stderr
@@ -131,10 +230,10 @@ BAD = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_bad_files_exit_with_2_in_one_line_and_touch_nothing(deggflow, tmp_path, name):
+def test_bad_files_exit_with_2_in_one_line_and_touch_nothing(inside, tmp_path, name):
     content, hint = BAD[name]
     (tmp_path / "bad.jsonl").write_bytes(content)
-    found = deggflow("bridge", "generate", "--conditions", "bad.jsonl", "--out", "out.jsonl")
+    found = inside("bridge", "generate", "--conditions", "bad.jsonl", "--out", "out.jsonl")
     assert found.returncode == 2
     assert found.stdout == ""
     assert len(found.stderr.splitlines()) == 1
@@ -153,10 +252,20 @@ def test_bad_files_exit_with_2_in_one_line_and_touch_nothing(deggflow, tmp_path,
         (("evaluate", "--sizes", "1"), "--sizes must"),
         (("evaluate", "--figure", "ways.png"), "--figure goes with --modes"),
         (("render", "no.jsonl"), "no.jsonl: can't be read"),
+        (("certify", "no.jsonl"), "no.jsonl: can't be read"),
+        (("certify",), "trials"),
+        *(
+            (
+                ("generate", "--size", "4", "--speed-limit", speed),
+                f"--speed-limit must lie in [0.01, 10] m/s; got {float(speed)}",
+            )
+            for speed in ("0", "0.0099", "-0.3", "10.1", "inf", "nan")
+        ),
+        (("generate", "--size", "4", "--speed-limit", "slow"), "slow"),
     ],
 )
-def test_bad_arguments_exit_with_2(deggflow, tmp_path, arguments, hint):
-    found = deggflow("bridge", *arguments)
+def test_bad_arguments_exit_with_2(inside, tmp_path, arguments, hint):
+    found = inside("bridge", *arguments)
     assert found.returncode == 2, found.stderr
     assert hint in found.stderr
     assert not any(tmp_path.iterdir())

@@ -1,6 +1,7 @@
 """The command line as a user runs it: processes, exit codes, files."""
 
 import json
+import math
 import signal
 import time
 from pathlib import Path
@@ -22,7 +23,7 @@ def test_help_reads_well_and_names_every_command(deggflow):
     assert "tabletop" in text
     assert "demo" in text
     text = deggflow("tabletop", "--help").stdout
-    for command in ("data", "train", "generate", "evaluate", "render"):
+    for command in ("data", "train", "generate", "certify", "evaluate", "render"):
         assert command in text
 
 
@@ -48,16 +49,16 @@ def test_scenes_of_a_file_are_certified_and_no_claim_is_refuted(deggflow, tmp_pa
         assert not refutes(scene.condition, scene.poses)
 
 
-def test_results_go_to_stdout_and_repeat(deggflow):
+def test_results_go_to_stdout_and_repeat(deggflow, inside):
     arguments = ("tabletop", "generate", "--size", 5, "--count", 3, "--seed", 1)
-    first, second = deggflow(*arguments), deggflow(*arguments)
+    first, second = deggflow(*arguments), inside(*arguments)
     assert first.returncode == 0
     assert first.stdout == second.stdout
     assert len([json.loads(line) for line in first.stdout.splitlines()]) == 3
 
 
-def test_the_nominal_field_alone_never_fails_the_command(deggflow):
-    found = deggflow(
+def test_the_nominal_field_alone_never_fails_the_command(inside):
+    found = inside(
         "tabletop", "generate", "--size", 8, "--count", 40, "--guidance", "none", "--seed", 2
     )
     scenes = [json.loads(line) for line in found.stdout.splitlines()]
@@ -90,11 +91,11 @@ def test_the_nominal_field_alone_never_fails_the_command(deggflow):
     ],
     ids=["tiny table", "huge regions"],
 )
-def test_the_impossible_is_told_with_what_was_closest(deggflow, tmp_path, condition):
+def test_the_impossible_is_told_with_what_was_closest(inside, tmp_path, condition):
     if condition.get("requirements") == "all":
         condition["requirements"] = {name: {"radius_scale": 3.0} for name in condition["objects"]}
     path = conditions(tmp_path / "wanted.jsonl", condition)
-    found = deggflow("tabletop", "generate", "--conditions", path, "--max-draws", 3)
+    found = inside("tabletop", "generate", "--conditions", path, "--max-draws", 3)
     assert found.returncode == 3
     assert "0 of 1 scene satisfies every requirement" in found.stderr
     certificate = json.loads(found.stdout)["certificate"]
@@ -121,12 +122,12 @@ BAD = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_bad_files_exit_with_2_in_one_line_and_touch_nothing(deggflow, tmp_path, name):
+def test_bad_files_exit_with_2_in_one_line_and_touch_nothing(inside, tmp_path, name):
     content, hint = BAD[name]
     path, out = tmp_path / "bad.jsonl", tmp_path / "out.jsonl"
     path.write_bytes(content)
     before = {p.name for p in tmp_path.iterdir()}
-    found = deggflow("tabletop", "generate", "--conditions", path, "--out", out)
+    found = inside("tabletop", "generate", "--conditions", path, "--out", out)
     assert found.returncode == 2
     assert found.stdout == ""
     assert len(found.stderr.splitlines()) == 1
@@ -149,23 +150,154 @@ def test_bad_files_exit_with_2_in_one_line_and_touch_nothing(deggflow, tmp_path,
         (("generate", "--size", "4", "--weights", "no.safetensors"), "--weights can't be used"),
         (("train", "--data", "nowhere", "--out", "run"), "nowhere/training.jsonl: can't be read"),
         (("train", "--data", ".", "--out", "run", "--steps", "7"), "`steps` must"),
+        (("generate", "--size", "4", "--requirements", "magic"), "magic"),
         (("render", "no.jsonl"), "no.jsonl: can't be read"),
+        (("certify", "no.jsonl"), "no.jsonl: can't be read"),
+        (("certify",), "scenes"),
         (("evaluate", "--sizes", "0"), "--sizes must"),
         (("evaluate", "--seed", "-1"), "--seed must"),
         (("data", "--out", "d", "--seed", "2000000000"), "--seed must"),
     ],
 )
-def test_bad_arguments_exit_with_2(deggflow, tmp_path, arguments, hint):
-    found = deggflow("tabletop", *arguments)
+def test_bad_arguments_exit_with_2(inside, tmp_path, arguments, hint):
+    found = inside("tabletop", *arguments)
     assert found.returncode == 2, found.stderr
     assert hint in found.stderr
     assert not any(tmp_path.iterdir())
 
 
+POSES = {"laptop": (-0.3, 0.0, math.pi), "pen_cup": (0.3, 0.0, 0.0)}
+# The nearest things are an edge of the table and the laptop's region.
+ROOM = 0.7 - 0.3 - 0.155 - 0.07
+
+
+def scene(satisfied=True, margin=ROOM, reason=None, **poses):
+    """A laptop and a pen cup that look away from each other, and what a certificate says of them."""
+    placed = {
+        name: dict(zip(("x", "y", "theta"), pose, strict=True)) for name, pose in POSES.items()
+    }
+    for name, changed in poses.items():
+        placed[name] = {**placed[name], **changed}
+    return {
+        "condition": {"objects": list(placed)},
+        "objects": [{"name": name, **pose} for name, pose in placed.items()],
+        "certificate": {
+            "satisfied": satisfied,
+            "min_margin": margin,
+            "violation": 0.0,
+            "draws": 1,
+            "reason": reason,
+        },
+        "seed": 0,
+    }
+
+
+def totals(satisfied, many, wrong):
+    return (
+        f"{satisfied} of {many} scenes satisfy every requirement; "
+        f"{wrong} certificates say otherwise than exact geometry and Shapely."
+    )
+
+
+OVERLAP = "laptop and pen_cup overlap by 0.0190 m"
+INTO = {"x": -0.2}  # the cup: 0.079 - 0.1 + 0.006 + 0.034 m into the laptop
+HONEST = scene(False, -0.019, OVERLAP, pen_cup=INTO)
+
+
+def test_good_scenes_are_certified_anew(inside, tmp_path):
+    path = conditions(tmp_path / "s.jsonl", scene(), scene(pen_cup={"theta": 0.1}))
+    found = inside("tabletop", "certify", path)
+    assert (found.returncode, found.stderr) == (0, "")
+    assert found.stdout.count("now it holds (least margin") == 2
+    assert f"line 1: now it holds (least margin {ROOM:.3g} m)" in found.stdout
+    assert f"satisfied; least margin {ROOM:.3g}, V 0, 1 draw" in found.stdout
+    assert totals(2, 2, 0) in found.stdout
+    quiet = inside("tabletop", "certify", path, "--quiet")
+    assert (quiet.returncode, quiet.stdout.strip()) == (0, totals(2, 2, 0))
+
+
+TAMPERED = {
+    "a pose moved": (scene(pen_cup=INTO), f"does NOT hold: {OVERLAP}", totals(0, 1, 1)),
+    "a flag flipped": (scene(False), "now it holds", totals(1, 1, 1)),
+    "a bad one called good": (scene(pen_cup={"x": 0.7}), "over the table's edge", totals(0, 1, 1)),
+    "a bad one called bad": (HONEST, f"does NOT hold: {OVERLAP}", totals(0, 1, 0)),
+}
+
+
+@pytest.mark.parametrize("what", TAMPERED)
+def test_what_does_not_hold_is_not_certified(inside, tmp_path, what):
+    """Behind a good one, alone and with it; whatever its own certificate says."""
+    bad, text, alone = TAMPERED[what]
+    path = conditions(tmp_path / "s.jsonl", scene(), bad)
+    found = inside("tabletop", "certify", path, "--lines", 2)
+    assert (found.returncode, found.stderr) == (3, "")
+    assert found.stdout.startswith("line 2: ")
+    assert text in found.stdout
+    assert alone in found.stdout
+    both = inside("tabletop", "certify", path)
+    assert both.returncode == 3
+    assert "line 1: now it holds" in both.stdout
+    assert inside("tabletop", "certify", path, "--lines", 1).returncode == 0
+
+
+def test_what_is_no_scene_is_refused(inside, tmp_path):
+    for bad, text in (
+        (scene(satisfied=1), "line 2, field `certificate.satisfied`: must be true or false"),
+        (scene(pen_cup={"x": None}), "line 2, field `objects[1].x`: must be a number"),
+        (scene(pen_cup={"z": 0}), "line 2, field `objects[1].z`: unknown key"),
+        ({"objects": ["laptop"]}, "line 2, field `condition`: is missing"),
+    ):
+        path = conditions(tmp_path / "s.jsonl", scene(), bad)
+        found = inside("tabletop", "certify", path)
+        assert (found.returncode, found.stdout) == (2, "")
+        assert len(found.stderr.splitlines()) == 1
+        assert text in found.stderr
+    path.write_bytes(b'{"condition": ')
+    assert "line 1: not JSON" in inside("tabletop", "certify", path).stderr
+    path = conditions(path, scene())
+    for line in (0, 2):
+        outside = inside("tabletop", "certify", path, "--lines", line)
+        assert outside.returncode == 2
+        assert f"--lines must lie in [1, 1]; got {line}" in outside.stderr
+
+
+def test_a_trace_is_kept_with_every_requirement(inside, tmp_path):
+    """Of the shared circle too; the table that is read back speaks of both."""
+    arguments = ("--size", 4, "--requirements", "balanced", "--trace", "--seed", 2)
+    made = inside("tabletop", "generate", *arguments, "--out", "s.jsonl")
+    assert made.returncode == 0, made.stderr
+    (line,) = [json.loads(line) for line in (tmp_path / "s.jsonl").read_text().splitlines()]
+    assert line["condition"]["balance"] == {"x": 0.0, "y": 0.0, "radius": 0.05}
+    made = line["certificate"]["generation"]
+    names = [each["name"] for each in made["requirements"]]
+    assert names == ["affordance", "balance"]
+    tau, value, bound, limit = (
+        np.array(made["trace"][part]) for part in ("tau", "value", "bound", "limit")
+    )
+    assert (len(tau), tau[0], tau[-1]) == (101, 0.0, 1.0)
+    assert np.all(np.diff(tau) > 0)
+    assert value.shape == bound.shape == limit.shape == (101, 2)
+    np.testing.assert_array_equal(value[-1], [each["value"] for each in made["requirements"]])
+    np.testing.assert_array_equal(limit[-1], [each["limit"] for each in made["requirements"]])
+    excess = (value - limit).max(axis=0)
+    rounding = 1e-6 * np.abs(value).max(axis=0)
+    assert np.all(
+        excess
+        <= [each["excess"] + r for each, r in zip(made["requirements"], rounding, strict=True)]
+    )
+    found = inside("tabletop", "certify", "s.jsonl")
+    assert found.returncode == 0
+    assert all(name in found.stdout for name in names)
+    assert "conditions held at every point" in found.stdout or not made["held"]
+    other = inside("tabletop", "generate", *arguments[:4], "--seed", 2, "--out", "s.jsonl")
+    assert other.returncode == 2
+    assert "begun with trace = true, not false" in other.stderr
+
+
 @pytest.mark.slow
-def test_a_killed_generation_loses_no_line_and_ends_the_same(deggflow, tmp_path):
-    arguments = ("tabletop", "generate", "--size", 4, "--count", 1600, "--seed", 3)
-    assert deggflow(*arguments, "--out", "whole.jsonl").returncode == 0
+def test_a_killed_generation_loses_no_line_and_ends_the_same(deggflow, inside, tmp_path):
+    arguments = ("tabletop", "generate", "--size", 4, "--count", 1536, "--seed", 3)
+    assert inside(*arguments, "--out", "whole.jsonl").returncode == 0
     rng, out = np.random.default_rng(0), tmp_path / "killed.jsonl"
     before = b""
     for _ in range(2):
@@ -182,26 +314,24 @@ def test_a_killed_generation_loses_no_line_and_ends_the_same(deggflow, tmp_path)
         assert now.startswith(before)
         before = now[: now.rfind(b"\n") + 1]
         assert before
-    assert deggflow(*arguments, "--out", out).returncode == 0
+    assert inside(*arguments, "--out", out).returncode == 0
     assert out.read_bytes() == (tmp_path / "whole.jsonl").read_bytes()
     with out.open("r+b") as file:  # as a kill in the middle of a write would leave it
         file.truncate(out.stat().st_size * 3 // 5)
-    assert deggflow(*arguments, "--out", out).returncode == 0
+    assert inside(*arguments, "--out", out).returncode == 0
     assert out.read_bytes() == (tmp_path / "whole.jsonl").read_bytes()
     assert deggflow(*arguments, "--out", out).returncode == 0  # complete: nothing is added
-    assert len(out.read_text().splitlines()) == 1600
+    assert len(out.read_text().splitlines()) == 1536
     other = deggflow(*arguments, "--guidance", "none", "--out", out)
     assert other.returncode == 2
     assert "begun with guidance" in other.stderr
 
 
-def test_scenes_are_drawn_with_their_nominal_twins_video_and_model(deggflow, tmp_path):
+def test_scenes_are_drawn_with_their_nominal_twins_video_and_model(inside, tmp_path):
     import mujoco
 
-    assert deggflow("tabletop", "generate", "--size", 4, "--out", "s.jsonl").returncode == 0
-    found = deggflow(
-        "tabletop", "render", "s.jsonl", "--out", "p", "--nominal", "--video", "--mjcf"
-    )
+    assert inside("tabletop", "generate", "--size", 4, "--out", "s.jsonl").returncode == 0
+    found = inside("tabletop", "render", "s.jsonl", "--out", "p", "--nominal", "--video", "--mjcf")
     assert found.returncode == 0, found.stderr
     assert [Path(line).suffix for line in found.stdout.split()] == [".png", ".mp4", ".xml"]
     assert all((tmp_path / line).stat().st_size > 1000 for line in found.stdout.split())
@@ -209,27 +339,27 @@ def test_scenes_are_drawn_with_their_nominal_twins_video_and_model(deggflow, tmp
     scene = json.loads((tmp_path / "s.jsonl").read_text())
     scene["seed"] += 1  # not what this seed generates
     (tmp_path / "other.jsonl").write_text(json.dumps(scene) + "\n")
-    refused = deggflow("tabletop", "render", "other.jsonl", "--nominal")
+    refused = inside("tabletop", "render", "other.jsonl", "--nominal")
     assert refused.returncode == 2
     assert "other.jsonl, line 1: can't be generated again" in refused.stderr
 
 
-def test_evaluation_prints_its_table_and_keeps_its_rows(deggflow, tmp_path):
+def test_evaluation_prints_its_table_and_keeps_its_rows(inside, tmp_path):
     arguments = ("tabletop", "evaluate", "--cases", 20, "--sizes", 4, "--out", "rows.jsonl")
-    found = deggflow(*arguments)
+    found = inside(*arguments)
     assert found.returncode == 0, found.stderr
     (row,) = [json.loads(line) for line in (tmp_path / "rows.jsonl").read_text().splitlines()]
     assert row["cases"] == 20
     assert row["refuted"] == 0
     assert row["satisfied"] == 20
     assert "100.0%" in found.stdout
-    assert deggflow(*arguments).stdout == found.stdout
+    assert inside(*arguments).stdout == found.stdout
 
 
-def test_data_and_training_from_the_command_line(deggflow, tmp_path):
-    made = deggflow("tabletop", "data", "--out", "d", "--training", 20, "--validation", 5)
+def test_data_and_training_from_the_command_line(inside, tmp_path):
+    made = inside("tabletop", "data", "--out", "d", "--training", 20, "--validation", 5)
     assert made.returncode == 0, made.stderr
-    trained = deggflow(
+    trained = inside(
         *("tabletop", "train", "--data", "d", "--out", "run", "--steps", 500, "--batch", 4),
         *("--width", 8, "--rounds", 1, "--head-width", 8),
     )
@@ -238,7 +368,7 @@ def test_data_and_training_from_the_command_line(deggflow, tmp_path):
     assert card["architecture"] == {"width": 8, "rounds": 1, "head_width": 8}
     assert card["data"]["training"] == 20
     assert (tmp_path / "run/curves.png").stat().st_size > 1000
-    used = deggflow(
+    used = inside(
         *("tabletop", "generate", "--size", 4, "--weights", "run/field.safetensors"),
         *("--guidance", "none"),
     )

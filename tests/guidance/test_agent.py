@@ -40,14 +40,19 @@ def first_two(condition):
     return jnp.arange(AGENTS) < 2
 
 
+ROOT = jax.random.normal(jax.random.key(2), (AGENTS, INPUTS, INPUTS))
+METRIC = ROOT @ ROOT.swapaxes(1, 2) + 0.2 * jnp.eye(INPUTS)[None]
 SHARED = SharedRequirements((SharedFactor(spread), SharedFactor(lean, incidence=first_two)))
 PRIVATE = PrivateRequirement(hinge_violation(margins, 0.05), Pooled())
 
 
 @pytest.mark.parametrize("g", [None, control], ids=["identity", "control map"])
 def test_an_agent_alone_finds_its_part_of_the_teams_inputs(g, key):
-    """Three rows of shared and private requirements; the others' drifts are not even numbers to it."""
-    guidance = DecoupledGuidance((SHARED, PRIVATE), control=g)
+    """Three rows of shared and private requirements; the others' drifts are not even numbers to it.
+
+    With control maps every agent has a metric of its own, too.
+    """
+    guidance = DecoupledGuidance((SHARED, PRIVATE), control=g, metric=None if g is None else METRIC)
     z, drift = jax.random.normal(key, (2, AGENTS, DIM))
     state, tau = guidance.init(z, None), jnp.asarray(0.4)
     together, report = jax.jit(lambda: guidance(state, tau, z, drift, None))()

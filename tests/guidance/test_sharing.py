@@ -1,5 +1,7 @@
 """phi_delta, effective directions and weights: what the proof of prop:c2_feasibility uses, and the proposition."""
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,7 +11,13 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from deggflow.guidance import AdaptiveShares, EqualShares, FixedShares, min_norm_input
+from deggflow.guidance import (
+    AdaptiveShares,
+    DecoupledGuidance,
+    EqualShares,
+    FixedShares,
+    min_norm_input,
+)
 from deggflow.guidance.sharing import effective_directions, phi
 
 AGENTS, DIM, DELTA = 4, 3, 0.02
@@ -27,7 +35,6 @@ def double(function, *arguments):
 
 phi_of = jax.jit(phi, static_argnums=1)
 directions_of = jax.jit(effective_directions)
-adaptive = jax.jit(AdaptiveShares())
 solve = jax.jit(jax.vmap(min_norm_input, in_axes=1))
 
 
@@ -140,15 +147,33 @@ def test_directions_of_three_factors_are_projections(ell):
 @pytest.mark.parametrize("delta", [0.0, 1.0, -0.1, float("nan")])
 def test_delta_outside_the_open_unit_interval_is_refused(delta):
     with pytest.raises(ValueError, match=r"`delta` must be in \(0, 1\)"):
-        AdaptiveShares(delta)
+        DecoupledGuidance((), delta=delta)
+
+
+class Shares(NamedTuple):
+    """Weights, and the effective directions they are made of."""
+
+    weight: np.ndarray
+    direction: np.ndarray
+
+
+def shares(sharing):
+    """Weights from the rows, as the guidance makes them."""
+
+    def found(ell, who):
+        direction = effective_directions(ell)
+        return Shares(sharing()(jnp.sum(direction**2, axis=-1), who), direction)
+
+    return jax.jit(found)
 
 
 FIXED = np.array([[0.5, 1.0, 2.0, 0.0], [3.0, 0.0, 0.25, 1.0]], np.float32)
 SHARINGS = {
-    "adaptive": adaptive,
-    "equal": jax.jit(EqualShares()),
-    "fixed": jax.jit(lambda ell, who: FixedShares(jnp.asarray(FIXED))(ell, who)),
+    "adaptive": shares(AdaptiveShares),
+    "equal": shares(EqualShares),
+    "fixed": shares(lambda: FixedShares(jnp.asarray(FIXED))),
 }
+adaptive = SHARINGS["adaptive"]
 
 
 @pytest.mark.parametrize("name", SHARINGS)

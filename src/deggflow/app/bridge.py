@@ -1,4 +1,4 @@
-"""`deggflow bridge`: data, train, generate, evaluate, render."""
+"""`deggflow bridge`: data, train, generate, certify, evaluate, render."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -19,7 +19,7 @@ from .runs import (
     training_config,
     wanted,
 )
-from .session import NOT_SATISFIED, SATISFIED, console, prepare_jax, progress
+from .session import NOT_SATISFIED, SATISFIED, console, output, prepare_jax, progress
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -83,12 +83,22 @@ def train(
     return SATISFIED
 
 
-def make_generator(field: "BridgeField", guidance: str) -> "BridgeGenerator":
-    """A generator for a field and a guidance by name."""
+def make_generator(
+    field: "BridgeField", guidance: str, speed_limit: float | None = None
+) -> "BridgeGenerator":
+    """A generator for a field, a guidance by name and, guided, a speed limit (m/s)."""
     from deggflow.tasks.bridge.generator import BridgeGenerator
     from deggflow.tasks.bridge.requirements import bridge_guidance
 
-    return BridgeGenerator(field, bridge_guidance(field.scales) if guidance == "degg" else None)
+    if guidance != "degg":
+        return BridgeGenerator(field)
+    guided = bridge_guidance(field.scales, speed_limit=speed_limit)
+    return BridgeGenerator(field, guided, speed_limit=speed_limit)
+
+
+def _speed(limit: float | None) -> None:
+    if limit is not None and not 0.01 <= limit <= 10:
+        raise InputError(f"--speed-limit must lie in [0.01, 10] m/s; got {limit}")
 
 
 def _load_field(weights: Path | None) -> "BridgeField":
@@ -105,6 +115,7 @@ def generate(
     out: Path | None = None,
     guidance: Literal["degg", "none"] = "degg",
     max_draws: int = 8,
+    speed_limit: float | None = None,
     weights: Path | None = None,
 ) -> int:
     """Generate trials, from the start until the bridge is built, each with its certificate, as JSON Lines.
@@ -120,10 +131,12 @@ def generate(
         out: File that receives the trials, line by line; the same call completes it after a kill. Default: stdout.
         guidance: degg: guided; none: the nominal field alone, every policy as it is drawn.
         max_draws: How often a policy is drawn anew until it is below its bounds; then the team stops.
+        speed_limit: Largest speed of every robot's contact point, m/s: a private requirement of each robot.
         weights: Another weights file (.safetensors, card beside it).
     """
     in_range("max-draws", max_draws, 1, 10_000)
     in_range("seed", seed, 0, MAX_SEED)
+    _speed(speed_limit)
     prepare_jax()
     from deggflow.tasks.bridge.formats import read_conditions
     from deggflow.tasks.bridge.scenes import random_conditions
@@ -145,10 +158,11 @@ def generate(
         "seed": seed,
         "guidance": guidance,
         "max_draws": max_draws,
+        "speed_limit": speed_limit,
         "weights": None if weights is None else str(weights),
     }
     target = None if out is None else ResumableOutput(out, settings)
-    generator = make_generator(_load_field(weights), guidance)
+    generator = make_generator(_load_field(weights), guidance, speed_limit)
 
     def chunks(first: int, bars: "Progress") -> "Iterator[list[Trial]]":
         bar = bars.add_task("policies", total=None)
@@ -182,6 +196,7 @@ def evaluate(
     max_draws: int = 8,
     modes: int = 0,
     figure: Path | None = None,
+    hard: int = 0,
     out: Path | None = None,
     weights: Path | None = None,
 ) -> int:
@@ -194,11 +209,15 @@ def evaluate(
         max_draws: How often a policy is drawn anew.
         modes: Instead: so many trials from one symmetric start, and on which side planks pass.
         figure: With --modes: file that receives the planks' ways as a figure (.png, .pdf or .svg).
+        hard: Instead: one guided policy from each of so many hard states of each size, next to a wall or the gap.
         out: JSON Lines file that receives the rows; the same call completes it after a kill.
         weights: Another weights file (.safetensors, card beside it).
     """
     from deggflow.tasks.bridge.world import MAX_ROBOTS, MIN_ROBOTS
 
+    in_range("hard", hard, 0, MAX_COUNT)
+    if hard and modes:
+        raise InputError("--hard and --modes measure different things; give one")
     in_range("trials", trials, 1, MAX_COUNT)
     in_range("seed", seed, 0, MAX_SEED)
     in_range("max-draws", max_draws, 1, 10_000)
@@ -208,7 +227,7 @@ def evaluate(
     if figure is not None and (not modes or figure.suffix not in (".png", ".pdf", ".svg")):
         raise InputError("--figure goes with --modes, and ends in .png, .pdf or .svg")
     prepare_jax()
-    from .bridge_evaluation import run_evaluation, run_modes
+    from .bridge_evaluation import run_evaluation, run_hard, run_modes
 
     field = _load_field(weights)
     settings = {
@@ -217,9 +236,47 @@ def evaluate(
         "max_draws": max_draws,
         "weights": None if weights is None else str(weights),
     }
+    if hard:
+        return run_hard(field, {**settings, "hard": hard, "sizes": list(sizes)}, out)
     if modes:
         return run_modes(field, {**settings, "modes": modes}, out, figure)
     return run_evaluation(field, {**settings, "trials": trials, "sizes": list(sizes)}, out)
+
+
+def certify(
+    trials: Annotated[Path, tyro.conf.Positional], lines: tuple[int, ...] = (), quiet: bool = False
+) -> int:
+    """Check the trials of a file anew, whoever made them: replayed by an independent integrator and Shapely.
+
+    Exit code 0: every trial bridges the gap; 3: some do not, or something a line says is not true; 2: bad input.
+
+    Args:
+        trials: File of trials, as `generate` writes it.
+        lines: Which lines of the file, from 1 (default: all).
+        quiet: Print the totals alone.
+    """
+    from deggflow.tasks.bridge.formats import read_trials
+    from deggflow.tasks.bridge.oracle import fastest_contact, refutation
+
+    found = read_trials(trials)
+    chosen = lines or tuple(range(1, len(found) + 1))
+    bridged = refuted = 0
+    fastest = 0.0
+    for line in chosen:
+        in_range("lines", line, 1, len(found))
+        trial = found[line - 1]
+        wrong = refutation(trial.to_json())
+        bridged += trial.success and wrong is None
+        refuted += wrong is not None
+        fastest = max(fastest, fastest_contact(trial.to_json()))
+        if not quiet:
+            print(f"line {line}: the replay {'agrees' if wrong is None else f'finds that {wrong}'}")
+            print(f"the certificate says: {trial.certificate.table()}\n")
+    output().print(
+        f"{bridged} of {len(chosen)} trials bridge the gap; the replay refutes what {refuted} say; "
+        f"the fastest contact point moved at {fastest:.3f} m/s."
+    )
+    return SATISFIED if bridged == len(chosen) and not refuted else NOT_SATISFIED
 
 
 def render(
@@ -255,11 +312,16 @@ def render(
         in_range("lines", line, 1, len(found))
     from .bridge_pictures import Wishes, draw
 
-    generator = make_generator(_load_field(weights), "degg") if nominal or curves else None
+    field = _load_field(weights) if nominal or curves else None
+    generators: dict[float | None, BridgeGenerator] = {}
     wishes = Wishes(nominal, process, video, curves, renderer)
     for line in chosen:
+        trial, generator = found[line - 1], None
+        if field is not None:
+            limit = trial.certificate.speed_limit
+            generator = generators.setdefault(limit, make_generator(field, "degg", limit))
         try:
-            for path in draw(found[line - 1], line, out, wishes, generator):
+            for path in draw(trial, line, out, wishes, generator):
                 print(path, flush=True)
         except InputError as error:
             raise InputError(error.reason, file=trials, line=line) from None

@@ -16,6 +16,7 @@ from deggflow.tasks.bridge.evaluate import (
     passes,
 )
 from deggflow.tasks.bridge.field import BridgeField
+from deggflow.tasks.bridge.hard import HardPolicies, blocked_texts, evaluate_hard
 from deggflow.view.bridge import PathGroup, draw_paths
 
 from .runs import run_jobs
@@ -60,6 +61,54 @@ def run_evaluation(field: BridgeField, settings: dict[str, Any], out: Path | Non
             output().print("\n".join([heading, *(f"- {text}" for text in texts)]), markup=False)
     complete = all(row.guided == row.trials and not row.refuted for row in rows)
     return SATISFIED if complete else NOT_SATISFIED
+
+
+def run_hard(field: BridgeField, settings: dict[str, Any], out: Path | None) -> int:
+    """Policies from hard states; exit code 3 if an accepted one misses a bound or is refuted."""
+    each, seed, max_draws = settings["hard"], settings["seed"], settings["max_draws"]
+
+    def job(size: int) -> Callable[[], HardPolicies]:
+        return lambda: evaluate_hard(field, size, each, seed, max_draws)
+
+    found = run_jobs([job(size) for size in settings["sizes"]], settings, out)
+    rows = [HardPolicies(**row) for row in found]
+    headings = [
+        "N",
+        "first draw met",
+        f"accepted, <= {max_draws} draws",
+        "above a bound",
+        "refuted",
+        "conditions held",
+        "forced",
+        "largest miss refused",
+    ]
+    _print_table(
+        f"Bridge: guided policies from hard states, {each} a row, seed {seed}, 95% Wilson intervals",
+        headings,
+        (
+            (
+                row.size,
+                row.rate(row.met_at_once),
+                row.rate(row.accepted),
+                row.missed,
+                row.refuted,
+                row.rate(row.held),
+                row.forced,
+                f"{row.excess:.3g}",
+            )
+            for row in rows
+        ),
+    )
+    output().print(
+        "Hard: within 0.1 m, either way, of the factors' buffers to a wall, to the gap or to lost support; three of four "
+        "on the move. above a bound: accepted, and q_task or q_safe ends above it in float64; refuted: accepted, and "
+        "Shapely finds something broken on the way; conditions held: accepted, and so at every point of the generation; "
+        "forced: accepted, with a step taken above a limit on the way; largest miss refused: of a factor over its bound."
+    )
+    texts = blocked_texts(rows)
+    if texts:
+        output().print("\n".join(["No draw accepted, the team stops:", *texts]), markup=False)
+    return NOT_SATISFIED if any(row.missed or row.refuted for row in rows) else SATISFIED
 
 
 def _print_success(rows: list[Evaluation], counted: str) -> None:

@@ -1,5 +1,6 @@
 """Tables of `deggflow tabletop evaluate`."""
 
+import json
 from collections.abc import Callable
 from itertools import product
 from pathlib import Path
@@ -12,6 +13,7 @@ from deggflow.tasks.tabletop.evaluate import (
     ALLOCATIONS,
     Comparison,
     Evaluation,
+    Failure,
     compare,
     evaluate,
 )
@@ -20,13 +22,23 @@ from .runs import run_jobs
 from .session import NOT_SATISFIED, SATISFIED, output
 
 
-def run_evaluation(field: Field, settings: dict[str, Any], out: Path | None) -> int:
+def run_evaluation(
+    field: Field, settings: dict[str, Any], out: Path | None, failures: Path | None
+) -> int:
     """Nominal beside guided for each size and family; exit code 3 if a case was never satisfied."""
     grid = list(product(settings["requirements"], settings["sizes"]))
     cases, seed, max_draws = settings["cases"], settings["seed"], settings["max_draws"]
 
     def job(family: str, size: int) -> Callable[[], Evaluation]:
-        return lambda: evaluate(field, size, family, cases, seed, max_draws)
+        def run() -> Evaluation:
+            refused: list[Failure] = []
+            row = evaluate(field, size, family, cases, seed, max_draws, on_failure=refused.append)
+            if failures is not None:
+                with failures.open("a") as lines:
+                    lines.writelines(json.dumps(each.to_json()) + "\n" for each in refused)
+            return row
+
+        return run
 
     found = run_jobs([job(*point) for point in grid], settings, out)
     rows = [Evaluation(**row) for row in found]
@@ -59,8 +71,36 @@ def run_evaluation(field: Field, settings: dict[str, Any], out: Path | None) -> 
         "natural: the nominal scene under the default requirements; private: the same scene under the changed ones; "
         "guided: from the same z(0); refuted: claims of success that the Shapely oracle found false."
     )
+    output().print(_on_the_way(rows))
+    output().print(
+        "conditions held: rows feasible and V below its limit at every accepted point of the first draw; contradicted: "
+        "these, and yet refused by the verdict; evaluations: of the guided field (100 steps and the end: 101)."
+    )
     complete = all(row.satisfied == row.cases and not row.refuted for row in rows)
     return SATISFIED if complete else NOT_SATISFIED
+
+
+def _on_the_way(rows: list[Evaluation]) -> Table:
+    table = Table(title="On the way of the first draws", title_justify="left")
+    for heading in (
+        "N",
+        "requirements",
+        "conditions held",
+        "contradicted",
+        "with a forced step",
+        "evaluations: median, 99%, most",
+    ):
+        table.add_column(heading, no_wrap=True)
+    for row in rows:
+        table.add_row(
+            str(row.size),
+            row.requirements,
+            str(row.rate(row.held)),
+            str(row.contradicted),
+            str(row.forced),
+            ", ".join(f"{number:.0f}" for number in row.evaluations),
+        )
+    return table
 
 
 def run_comparison(field: Field, settings: dict[str, Any], out: Path | None) -> int:

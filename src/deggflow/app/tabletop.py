@@ -1,4 +1,4 @@
-"""`deggflow tabletop`: data, train, generate, evaluate, render."""
+"""`deggflow tabletop`: data, train, generate, certify, evaluate, render."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,7 +19,7 @@ from .runs import (
     training_config,
     wanted,
 )
-from .session import NOT_SATISFIED, SATISFIED, console, prepare_jax, progress
+from .session import NOT_SATISFIED, SATISFIED, console, output, prepare_jax, progress
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from deggflow.tasks.tabletop.generator import TabletopGenerator
     from deggflow.tasks.tabletop.scene import Scene
 
-Family = Literal["default", "changed", "opposite", "side", "larger", "combined"]
+Family = Literal["default", "changed", "opposite", "side", "larger", "combined", "balanced"]
 
 
 def data(
@@ -103,7 +103,8 @@ def train(
 def make_generator(weights: Path | None, guidance: str) -> "TabletopGenerator":
     """A generator for a weights file (the shipped one if None) and a guidance by name."""
     from deggflow.tasks.tabletop.field import load_field
-    from deggflow.tasks.tabletop.generator import TabletopGenerator, tabletop_guidance
+    from deggflow.tasks.tabletop.generator import TabletopGenerator
+    from deggflow.tasks.tabletop.requirements import tabletop_guidance
 
     field = load(load_field, weights)
     return TabletopGenerator(field, tabletop_guidance() if guidance == "degg" else None)
@@ -118,6 +119,7 @@ def generate(
     out: Path | None = None,
     guidance: Literal["degg", "none"] = "degg",
     max_draws: int = 8,
+    trace: bool = False,
     weights: Path | None = None,
 ) -> int:
     """Generate scenes, each with its certificate, as JSON Lines.
@@ -134,6 +136,7 @@ def generate(
         out: File that receives the scenes, line by line; the same call completes it after a kill. Default: stdout.
         guidance: degg: guided; none: the nominal field alone, one draw.
         max_draws: How often a scene is drawn anew until it satisfies its requirements.
+        trace: Certificates also hold every requirement's value, bound and limit at every point of the generation.
         weights: Another weights file (.safetensors, card beside it).
     """
     in_range("max-draws", max_draws, 1, 10_000)
@@ -162,6 +165,7 @@ def generate(
         "seed": seed,
         "guidance": guidance,
         "max_draws": max_draws,
+        "trace": trace,
         "weights": None if weights is None else str(weights),
     }
     limit = 1 if guidance == "none" else max_draws
@@ -169,7 +173,9 @@ def generate(
     generator = make_generator(weights, guidance)
 
     def make(conditions: "list[SceneCondition]", first: int) -> "list[Scene]":
-        return generator.scenes(conditions, seed=seed, first=first, max_draws=limit)
+        return generator.scenes(
+            conditions, seed=seed, first=first, max_draws=limit, keep_trace=trace
+        )
 
     def chunks(first: int, _: "Progress") -> "Iterator[list[Scene]]":
         return asked.chunks(make, first)
@@ -195,6 +201,7 @@ def evaluate(
     max_draws: int = 8,
     compare: bool = False,
     out: Path | None = None,
+    failures: Path | None = None,
     weights: Path | None = None,
 ) -> int:
     """Measure success: nominal beside guided, every guided claim checked by an independent oracle.
@@ -207,6 +214,7 @@ def evaluate(
         max_draws: Limit of redraws of the last column.
         compare: Compare the allocations own, pooled and local, re-anchored or not, on first draws instead.
         out: JSON Lines file that receives the rows; the same call completes it after a kill.
+        failures: JSON Lines file to which every guided draw that its verdict refused is added, with the reason.
         weights: Another weights file (.safetensors, card beside it).
     """
     from deggflow.tasks.tabletop.library import MAX_OBJECTS
@@ -230,8 +238,45 @@ def evaluate(
         "weights": None if weights is None else str(weights),
     }
     field = make_generator(weights, "none").field
-    run = run_comparison if compare else run_evaluation
-    return run(field, settings, out)
+    if compare:
+        return run_comparison(field, settings, out)
+    return run_evaluation(field, settings, out, failures)
+
+
+def certify(
+    scenes: Annotated[Path, tyro.conf.Positional], lines: tuple[int, ...] = (), quiet: bool = False
+) -> int:
+    """Check the scenes of a file anew, whoever made them: by exact geometry, and by Shapely.
+
+    Exit code 0: every scene satisfies its requirements; 3: some do not, or a certificate is not true; 2: bad input.
+
+    Args:
+        scenes: File of scenes, as `generate` writes it.
+        lines: Which lines of the file, from 1 (default: all).
+        quiet: Print the totals alone.
+    """
+    from deggflow.tasks.tabletop.formats import read_scenes
+    from deggflow.tasks.tabletop.oracle import refutes
+
+    found = read_scenes(scenes)
+    chosen = lines or tuple(range(1, len(found) + 1))
+    satisfied = wrong = 0
+    for line in chosen:
+        in_range("lines", line, 1, len(found))
+        scene = found[line - 1]
+        verdict = scene.verdict()
+        holds = verdict.satisfied and not refutes(scene.condition, scene.poses)
+        satisfied += holds
+        wrong += holds != scene.certificate.satisfied
+        if not quiet:
+            said = "holds" if holds else f"does NOT hold: {verdict.reason(scene.condition.objects)}"
+            print(f"line {line}: now it {said} (least margin {verdict.min_margin:.3g} m)")
+            print(f"the certificate says: {scene.certificate.table()}\n")
+    output().print(
+        f"{satisfied} of {len(chosen)} scenes satisfy every requirement; "
+        f"{wrong} certificates say otherwise than exact geometry and Shapely."
+    )
+    return SATISFIED if satisfied == len(chosen) and not wrong else NOT_SATISFIED
 
 
 def render(

@@ -6,7 +6,7 @@ from .bound import AbstractBound, TighteningBound
 from .decoupled import AbstractGuidance, DecoupledGuidance, GuidanceReport, NoGuidance
 from .private import PrivateRequirement, hinge_violation
 from .qp import MinNormInput, min_norm_input
-from .requirement import AbstractRequirement, Rows
+from .requirement import AbstractRequirement, Demand, Rows
 from .schedule import AbstractSchedule, LinearSchedule
 from .shared import Recovering, SharedFactor, SharedRequirements
 from .sharing import AbstractSharing, AdaptiveShares, EqualShares, FixedShares
@@ -21,6 +21,7 @@ __all__ = [
     "AdaptiveShares",
     "AgentInput",
     "DecoupledGuidance",
+    "Demand",
     "EqualShares",
     "FixedShares",
     "GuidanceReport",

@@ -10,7 +10,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from .decoupled import DecoupledGuidance
-from .qp import min_norm_input
 
 
 class AgentInput(NamedTuple):
@@ -57,15 +56,12 @@ def agent_input(
     """
     # The others' drifts stay unknown: were one of them used, the input would not be a number.
     known = jnp.full_like(z, jnp.nan).at[agent].set(drift)
-    control = None if guidance.control is None else guidance.control(tau, z, condition)
-    rows = [
-        requirement.rows(own, tau, z, known, control, condition, moving)
-        for requirement, own in zip(guidance.requirements, state, strict=True)
-    ]
-    ell = jnp.concatenate([row.ell[:, agent] for row in rows])
-    b = jnp.concatenate([row.b[:, agent] for row in rows])
-    u, feasible = min_norm_input(ell, b, guidance.metric)
-    return AgentInput(u, u if control is None else control[agent] @ u, feasible)
+    rows = guidance.rows(state, tau, z, known, condition, moving)
+    ell, b = rows.ell[:, agent], rows.b[:, agent]
+    u, feasible = guidance.solve(ell, b, guidance.metric_of(agent))
+    if guidance.control is None:
+        return AgentInput(u, u, feasible)
+    return AgentInput(u, guidance.control(tau, z, condition)[agent] @ u, feasible)
 
 
 def told(z: Float[Array, "agents dim"] | jax.ShapeDtypeStruct) -> Told:

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .allocation import AbstractAllocation, Pooled
-from .requirement import AbstractRequirement, Rows, input_gradient
+from .requirement import AbstractRequirement, Demand, input_gradient
 from .schedule import AbstractSchedule, LinearSchedule
 
 MIN_REMAINING = 0.01  # floor of the remaining integral of omega, where re-anchoring divides by it
@@ -98,7 +98,12 @@ class PrivateRequirement(AbstractRequirement):
         # Of V(0)^(1 - rho), linear in the integral of omega.
         return state.anchor * jnp.maximum(1 - kappa * (1 - left), 0.0) ** (1 / (1 - self.rho))
 
-    def rows(
+    def values(
+        self, tau: Float[Array, ""], z: Float[Array, "agents dim"], condition: Any
+    ) -> Float[Array, " rows"]:
+        return jnp.sum(self.violation(z, condition))[None]
+
+    def demand(
         self,
         state: PrivateState,
         tau: Float[Array, ""],
@@ -107,7 +112,7 @@ class PrivateRequirement(AbstractRequirement):
         control: Float[Array, "agents dim inputs"] | None,
         condition: Any,
         moving: Bool[Array, " agents"] | None = None,
-    ) -> Rows:
+    ) -> Demand:
         def total_and_parts(
             state: Float[Array, "agents dim"],
         ) -> tuple[Float[Array, ""], Float[Array, " agents"]]:
@@ -120,16 +125,23 @@ class PrivateRequirement(AbstractRequirement):
         else:
             start = jnp.maximum(state.start, MIN_VIOLATION)
             gain = self._gain(start, self.omega.remaining(jnp.zeros_like(tau)))
-        demand = gain * self.omega(tau) * parts**self.rho
+        owed = gain * self.omega(tau) * parts**self.rho
         ell = input_gradient(control, gradient, moving)
-        influence = jnp.sum(ell**2, axis=-1)
-        zeta = self.allocation(demand, influence, z, condition)
-        b = jnp.sum(gradient * drift, axis=-1) + zeta
-        able = (b <= 0) | (influence > 0)  # cor:PE_local_feasibility
+        rate = jnp.sum(gradient * drift, axis=-1)
         # kappa = 1 just reaches zero at tau = 1: what kappa gives beyond that may be spent on discretisation.
         limit = jnp.maximum(self._decayed(state, tau, 1.0), self.floor)
-        value, bound = total[None], self.bound(state, tau)[None]
-        return Rows(ell[None], b[None], value, bound, limit[None], able[None])
+        bound = self.bound(state, tau)
+        return Demand(ell[None], rate[None], total[None], bound[None], limit[None], owed)
+
+    def shares(
+        self,
+        demand: Demand,
+        reach: Float[Array, "rows agents"],
+        z: Float[Array, "agents dim"],
+        condition: Any,
+        moving: Bool[Array, " agents"] | None = None,
+    ) -> Float[Array, "rows agents"]:
+        return self.allocation(demand.owed, reach[0], z, condition)[None]
 
     def landed(
         self,

@@ -49,7 +49,7 @@ def min_norm_input(
 
     Source: paper, eqn:SE_local_QP and eqn:PE_local_qp_general; dual active set after Goldfarb and Idnani (1983).
     """
-    _check_limits(box, norm)
+    check_limits(box, norm)
     inputs = ell.shape[1]
     if box is not None:
         eye = jnp.eye(inputs, dtype=ell.dtype)
@@ -67,15 +67,18 @@ def min_norm_input(
     distance = jnp.where(live, b / length, 0.0)
     v, found = _project(unit, distance)
     feasible = found & jnp.all(live | (b <= 0))
-    if norm is not None:
-        size = jnp.sqrt(jnp.sum(v**2))
-        feasible &= size <= norm
-        v = v * jnp.minimum(1.0, norm / jnp.maximum(size, norm))
     u = v if root is None else solve_triangular(root, v, lower=True, trans="T")
+    if box is not None:
+        u = jnp.clip(u, -box, box)
+    if norm is not None:
+        size = jnp.sqrt(jnp.sum((u if root is None else u @ root) ** 2))
+        feasible &= size <= norm
+        u = u * jnp.minimum(1.0, norm / jnp.maximum(size, norm))
     return MinNormInput(u, feasible)
 
 
-def _check_limits(box: float | None, norm: float | None) -> None:
+def check_limits(box: float | None, norm: float | None) -> None:
+    """Raises `ValueError` for a limit that is not positive."""
     for name, limit in (("box", box), ("norm", norm)):
         if limit is not None and not limit > 0:
             raise ValueError(f"`{name}` must be positive, as it limits a size; got {limit}.")

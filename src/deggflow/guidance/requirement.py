@@ -1,4 +1,8 @@
-"""What a requirement is: half-spaces `ell @ u + b <= 0` for every agent it touches."""
+"""What a requirement is: half-spaces `ell @ u + b <= 0` for every agent it touches.
+
+A requirement says what it asks of the team, is told how much each agent can do about it beside the agent's other
+rows, and shares it out.
+"""
 
 import abc
 from collections.abc import Callable
@@ -31,6 +35,17 @@ class Rows(NamedTuple):
     able: Bool[Array, "rows agents"]  # whether the theorem's condition for a feasible row holds
 
 
+class Demand(NamedTuple):
+    """What a requirement asks of the team at one state, before the agents share it."""
+
+    ell: Float[Array, "rows agents inputs"]
+    rate: Float[Array, "rows agents"]  # grad_i . f_i: what the nominal field does to the value
+    value: Float[Array, " rows"]
+    bound: Float[Array, " rows"]
+    limit: Float[Array, " rows"]
+    owed: Any  # what is to be shared; the requirement's own affair
+
+
 class AbstractRequirement(eqx.Module):
     """Hard requirements that give each agent one row each, from states alone."""
 
@@ -44,7 +59,13 @@ class AbstractRequirement(eqx.Module):
         """State for one sample; bounds may depend on z(0)."""
 
     @abc.abstractmethod
-    def rows(
+    def values(
+        self, tau: Float[Array, ""], z: Float[Array, "agents dim"], condition: Any
+    ) -> Float[Array, " rows"]:
+        """V or q of each row."""
+
+    @abc.abstractmethod
+    def demand(
         self,
         state: Any,
         tau: Float[Array, ""],
@@ -53,10 +74,30 @@ class AbstractRequirement(eqx.Module):
         control: Float[Array, "agents dim inputs"] | None,
         condition: Any,
         moving: Bool[Array, " agents"] | None = None,
-    ) -> Rows:
-        """Every agent's rows at (tau, z), where the nominal field is `drift` and g is `control`.
+    ) -> Demand:
+        """What is asked at (tau, z), where the nominal field is `drift` and g is `control`.
 
-        Agents that do not move (`moving` is False, and their drift is zero) take no share.
+        Agents that do not move (`moving` is False, and their drift is zero) can do nothing: their `ell` is zero.
+        """
+
+    @abc.abstractmethod
+    def shares(
+        self,
+        demand: Demand,
+        reach: Float[Array, "rows agents"],
+        z: Float[Array, "agents dim"],
+        condition: Any,
+        moving: Bool[Array, " agents"] | None = None,
+    ) -> Float[Array, "rows agents"]:
+        """zeta: what each agent is asked for.
+
+        Args:
+            demand: Of this requirement.
+            reach: |d|^2 of the rows' effective directions: what an agent can do about a row without making any
+                other of its rows worse.
+            z: State of all agents.
+            condition: What the requirement is conditioned on.
+            moving: Who still moves.
         """
 
     @abc.abstractmethod

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .bound import AbstractBound, TighteningBound
-from .requirement import AbstractRequirement, Rows, input_gradient
+from .requirement import AbstractRequirement, Demand, input_gradient
 from .sharing import AbstractSharing, AdaptiveShares
 
 FactorValue = Callable[[Float[Array, ""], Float[Array, "agents dim"], Any], Float[Array, ""]]
@@ -90,7 +90,12 @@ class SharedRequirements(AbstractRequirement):
             for factor in self.factors
         )
 
-    def rows(
+    def values(
+        self, tau: Float[Array, ""], z: Float[Array, "agents dim"], condition: Any
+    ) -> Float[Array, " factors"]:
+        return jnp.stack([factor.value(tau, z, condition) for factor in self.factors])
+
+    def demand(
         self,
         state: tuple[Any, ...],
         tau: Float[Array, ""],
@@ -99,26 +104,29 @@ class SharedRequirements(AbstractRequirement):
         control: Float[Array, "agents dim inputs"] | None,
         condition: Any,
         moving: Bool[Array, " agents"] | None = None,
-    ) -> Rows:
-        incident = self._incident(z.shape[0], condition)
-        acting = incident if moving is None else incident & moving[None]
-
-        def values(
-            tau: Float[Array, ""], z: Float[Array, "agents dim"]
-        ) -> Float[Array, " factors"]:
-            return jnp.stack([factor.value(tau, z, condition) for factor in self.factors])
-
-        q, pull_back = jax.vjp(values, tau, z)
+    ) -> Demand:
+        q, pull_back = jax.vjp(lambda tau, z: self.values(tau, z, condition), tau, z)
         dq_dtau, gradient = jax.vmap(pull_back)(jnp.eye(len(self.factors), dtype=q.dtype))
+        incident = self._incident(z.shape[0], condition)
         gradient = jnp.where(incident[..., None], gradient, 0.0)
         bound, owed = self._owed(state, tau, q, dq_dtau)
         ell = jax.vmap(lambda each: input_gradient(control, each, moving))(gradient)
-        shares = self.sharing(ell, acting)
-        zeta = shares.weight * owed[:, None]  # eqn:SE_finite_horizon_zeta
-        b = jnp.sum(gradient * drift[None], axis=-1) + zeta
-        # prop:c2_feasibility: where an agent must act, its effective direction is not zero.
-        able = (b <= 0) | (jnp.sum(shares.direction**2, axis=-1) > 0)
-        return Rows(ell, b, q, bound, bound, able)
+        rate = jnp.sum(gradient * drift[None], axis=-1)
+        return Demand(ell, rate, q, bound, bound, owed)
+
+    def shares(
+        self,
+        demand: Demand,
+        reach: Float[Array, "rows agents"],
+        z: Float[Array, "agents dim"],
+        condition: Any,
+        moving: Bool[Array, " agents"] | None = None,
+    ) -> Float[Array, "rows agents"]:
+        incident = self._incident(z.shape[0], condition)
+        acting = incident if moving is None else incident & moving[None]
+        # Where all of a factor's agents have stopped, what it asks stays with them: rows that say so.
+        acting = jnp.where(jnp.any(acting, axis=1, keepdims=True), acting, incident)
+        return self.sharing(reach, acting) * demand.owed[:, None]  # eqn:SE_finite_horizon_zeta
 
     def landed(
         self,

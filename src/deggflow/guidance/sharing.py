@@ -5,7 +5,6 @@ theorem for shared requirements needs. They decide whether every agent can meet 
 """
 
 import abc
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -17,23 +16,14 @@ from .active_set import project_origin, resolution
 DELTA = 0.02  # half width of the blend in phi_delta (paper, Task 1)
 
 
-class Shares(NamedTuple):
-    """Who takes how much of each factor."""
-
-    weight: Float[Array, "factors agents"]
-    direction: Float[Array, "factors agents inputs"]  # effective directions d_{a,i}
-
-
 class AbstractSharing(eqx.Module):
-    """Weights of every factor's agents, from the rows' directions."""
+    """Weights of every factor's agents, from what each can do about it."""
 
     @abc.abstractmethod
     def __call__(
-        self,
-        ell: Float[Array, "factors agents inputs"],
-        incident: Bool[Array, "factors agents"],
-    ) -> Shares:
-        """Args: ell: g_i^T grad_{z_i} q_a, zero where the agent is not incident to the factor."""
+        self, reach: Float[Array, "factors agents"], incident: Bool[Array, "factors agents"]
+    ) -> Float[Array, "factors agents"]:
+        """Args: reach: |d_{a,i}|^2 of the effective directions; incident: which agents belong to each factor."""
 
 
 def phi(eta: Float[Array, "..."], delta: float = DELTA) -> Float[Array, "..."]:
@@ -51,7 +41,7 @@ def effective_directions(
 ) -> Float[Array, "factors agents inputs"]:
     """d_{a,i}: what is left of a row's direction when what works against the agent's other rows is taken out.
 
-    Moving against d_{a,i} brings factor a down and lets none of the others rise. Two factors: the paper's
+    Moving against d_{a,i} brings row a down and lets none of the others rise. Two rows: the paper's
     directions, with phi_delta. More: the projection of ell_{a,i} onto the directions that no other row of
     the agent opposes, which is the paper's with phi = min(eta, 0) where there are two.
 
@@ -96,30 +86,19 @@ class AdaptiveShares(AbstractSharing):
     Source: paper, eqn:C2_weights.
     """
 
-    delta: float = eqx.field(static=True, default=DELTA)
-
-    def __check_init__(self) -> None:
-        if not 0 < self.delta < 1:
-            raise ValueError(f"`delta` must be in (0, 1) (paper, phi_delta); got {self.delta}.")
-
     def __call__(
-        self,
-        ell: Float[Array, "factors agents inputs"],
-        incident: Bool[Array, "factors agents"],
-    ) -> Shares:
-        direction = effective_directions(ell, self.delta)
-        return Shares(_normalised(jnp.sum(direction**2, axis=-1), incident), direction)
+        self, reach: Float[Array, "factors agents"], incident: Bool[Array, "factors agents"]
+    ) -> Float[Array, "factors agents"]:
+        return _normalised(jnp.where(incident, reach, 0.0), incident)
 
 
 class EqualShares(AbstractSharing):
     """Every incident agent takes the same part, whatever it can do about the factor; for comparison."""
 
     def __call__(
-        self,
-        ell: Float[Array, "factors agents inputs"],
-        incident: Bool[Array, "factors agents"],
-    ) -> Shares:
-        return Shares(_normalised(jnp.zeros(incident.shape), incident), ell)
+        self, reach: Float[Array, "factors agents"], incident: Bool[Array, "factors agents"]
+    ) -> Float[Array, "factors agents"]:
+        return _normalised(jnp.zeros(incident.shape), incident)
 
 
 class FixedShares(AbstractSharing):
@@ -128,8 +107,6 @@ class FixedShares(AbstractSharing):
     weight: Float[Array, "factors agents"]
 
     def __call__(
-        self,
-        ell: Float[Array, "factors agents inputs"],
-        incident: Bool[Array, "factors agents"],
-    ) -> Shares:
-        return Shares(_normalised(jnp.where(incident, self.weight, 0.0), incident), ell)
+        self, reach: Float[Array, "factors agents"], incident: Bool[Array, "factors agents"]
+    ) -> Float[Array, "factors agents"]:
+        return _normalised(jnp.where(incident, self.weight, 0.0), incident)

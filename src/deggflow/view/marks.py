@@ -15,6 +15,7 @@ class Marks(NamedTuple):
 
     blocked: frozenset[tuple[int, int]]  # (owner, region) of regions obstructed or over the edge
     outlined: frozenset[int]  # objects that overlap another one or reach over the edge
+    unbalanced: bool = False  # the centre of mass lies outside its circle
 
 
 class Disc(NamedTuple):
@@ -31,11 +32,20 @@ def marks_of(verdict: Verdict) -> Marks:
     for breach in verdict.breaches:
         if breach.kind in (Kind.UNOBSTRUCTED, Kind.REGION_ON_TABLE):
             blocked.add((breach.owner, breach.region))
-        else:
+        elif breach.owner >= 0:
             outlined.add(breach.owner)
             if breach.kind is Kind.SEPARATION:
                 outlined.add(breach.other)
-    return Marks(frozenset(blocked), frozenset(outlined))
+    unbalanced = any(breach.kind is Kind.BALANCE for breach in verdict.breaches)
+    return Marks(frozenset(blocked), frozenset(outlined), unbalanced)
+
+
+def centre_of_mass(
+    condition: SceneCondition, poses: Float[np.ndarray, "agents 3"]
+) -> Float[np.ndarray, " 2"]:
+    """Where the objects' common centre of mass lies, m."""
+    mass = np.array([BY_NAME[name].mass for name in condition.objects])
+    return np.asarray(mass @ poses[:, :2] / mass.sum())
 
 
 def discs_of(condition: SceneCondition, name: str) -> list[Disc]:

@@ -12,18 +12,19 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 import numpy as np
 from jaxtyping import Float
 
-from deggflow.tasks.tabletop.condition import SceneCondition
+from deggflow.tasks.tabletop.condition import Balance, SceneCondition
 from deggflow.tasks.tabletop.library import BY_NAME
 from deggflow.tasks.tabletop.verdict import Verdict, judge
 
 from .bodies import solids_of
-from .marks import Disc, Marks, checked_poses, discs_of, marks_of
+from .marks import Disc, Marks, centre_of_mass, checked_poses, discs_of, marks_of
 from .solids import Colour, Solid, frustum_corners, rgb, slab
 
 ASPECT = 4 / 3  # width over height that the cameras are framed for
 FREE = (0.13, 0.64, 0.36, 0.42)  # rgba of a region that is free
 BLOCKED = (0.86, 0.12, 0.10, 0.50)  # rgba of a region that is obstructed or over the edge
 OUTLINE = (0.86, 0.05, 0.05, 1.0)  # rgba of the rim around an object that overlaps
+BALANCE = (0.0, 0.45, 0.70, 1.0)  # rgba of circle and centre of mass
 HIDDEN = (0.0, 0.0, 0.0, 0.0)
 
 _TABLE, _EDGE, _LEG = rgb("#ebe5da"), rgb("#cbbfae"), rgb("#a89b89")
@@ -32,6 +33,8 @@ _THICKNESS, _LEG_LENGTH, _LEG_HALF = 0.030, 0.70, 0.022  # m
 _RIM, _RIM_HEIGHT = 0.008, 0.004  # m, how far the red rim reaches beyond the footprint, and up
 _DISC = 0.0009  # m, height of the lowest region's face; each further one lies _DISC_STEP above
 _DISC_STEP = 0.00008  # m, keeps faces of overlapping regions apart in the depth buffer
+CENTRE_OF_MASS, BEADS = "centre_of_mass", "balance_"
+_BEADS, _BEAD, _PIN = 48, 0.003, 0.16  # radius and height of the pin, m
 _FOVY, _TOP_FOVY = 22.0, 9.0  # deg; the top camera looks from far away, almost in parallel rays
 _ELEVATION = math.radians(56.0)  # of the studio camera
 _HEADROOM = 0.10  # m above the table that the studio camera keeps in the picture
@@ -51,7 +54,7 @@ def scene_mjcf(
 
     Returns:
         One body per object, named after it; regions as `<object>_region_<k>` of class "free" or
-        "blocked"; a rim of class "outline" around objects that overlap or reach over the edge;
+        "blocked"; a ring "balance" and a pin "centre_of_mass" where the condition asks for balance; a rim of class "outline" around objects that overlap or reach over the edge;
         cameras "studio" and "top".
     """
     rows = checked_poses(condition, poses)
@@ -107,6 +110,9 @@ def _scene(
                 geom.set("class", "outline")
                 if i not in marks.outlined:
                     geom.set("rgba", _numbers(HIDDEN))
+    if condition.balance is not None:
+        centre = centre_of_mass(condition, poses)
+        _add_balance(world, condition.balance, centre, marks.unbalanced, layer)
     indent(root)
     return tostring(root, encoding="unicode") + "\n"
 
@@ -216,6 +222,35 @@ def _add_region(body: Element, name: str, disc: Disc, blocked: bool, layer: int)
     geom.set("type", "cylinder")
     geom.set("size", _numbers([disc.radius, face / 2]))
     geom.set("pos", _numbers([disc.x, disc.y, face / 2]))
+
+
+def _add_balance(
+    world: Element,
+    balance: Balance,
+    centre: Float[np.ndarray, " 2"],
+    unbalanced: bool,
+    layer: int,
+) -> None:
+    """The circle for the centre of mass as a rim of beads on the table, and a pin where it lies."""
+    look = {"class": "outline", "rgba": _numbers(OUTLINE if unbalanced else BALANCE)}
+    circle = SubElement(world, "body", name="balance")
+    for k in range(_BEADS):
+        angle = 2 * math.pi * k / _BEADS
+        x = balance.x + balance.radius * math.cos(angle)
+        y = balance.y + balance.radius * math.sin(angle)
+        at = {"size": _numbers([_BEAD]), "pos": _numbers([x, y, _DISC + layer * _DISC_STEP])}
+        SubElement(circle, "geom", {"name": f"{BEADS}{k + 1}", "type": "sphere", **at, **look})
+    place = _numbers([*centre, 0.0])
+    body = SubElement(world, "body", name=CENTRE_OF_MASS, mocap="true", pos=place)
+    pin = {"type": "capsule", "size": _numbers([_BEAD]), "fromto": _numbers([0, 0, 0, 0, 0, _PIN])}
+    SubElement(body, "geom", {"name": CENTRE_OF_MASS, **pin, **look})
+    head = {"type": "sphere", "size": _numbers([3 * _BEAD]), "pos": _numbers([0, 0, _PIN])}
+    SubElement(body, "geom", {"name": f"{CENTRE_OF_MASS}_head", **head, **look})
+
+
+def balance_names() -> list[str]:
+    """Names of the geoms that show the balance."""
+    return [f"{BEADS}{k + 1}" for k in range(_BEADS)] + [CENTRE_OF_MASS, f"{CENTRE_OF_MASS}_head"]
 
 
 def _flat(name: str, height: float, grow: float, colour: Colour) -> list[Solid]:

@@ -15,8 +15,20 @@ from PIL import Image
 from deggflow.tasks.tabletop.condition import SceneCondition
 from deggflow.tasks.tabletop.verdict import Verdict
 
-from .marks import Marks, checked_poses, discs_of, marks_of
-from .mjcf import ASPECT, BLOCKED, FREE, HIDDEN, OUTLINE, outline_names, region_name, stage_mjcf
+from .marks import Marks, centre_of_mass, checked_poses, discs_of, marks_of
+from .mjcf import (
+    ASPECT,
+    BALANCE,
+    BLOCKED,
+    CENTRE_OF_MASS,
+    FREE,
+    HIDDEN,
+    OUTLINE,
+    balance_names,
+    outline_names,
+    region_name,
+    stage_mjcf,
+)
 
 Camera = Literal["studio", "top"]
 RendererName = Literal["auto", "mujoco", "matplotlib"]
@@ -84,6 +96,9 @@ class MujocoStage(Stage):
             [self._model.geom(part).id for part in outline_names(name)]
             for name in condition.objects
         ]
+        self._balance: list[int] = []
+        if condition.balance is not None:
+            self._balance = [self._model.geom(name).id for name in balance_names()]
         self._offscreen = Offscreen(self._model, width, height, oversampling)
 
     def picture(
@@ -94,6 +109,9 @@ class MujocoStage(Stage):
         for body, (x, y, theta) in zip(self._mocap, rows, strict=True):
             self._data.mocap_pos[body] = x, y, 0.0
             self._data.mocap_quat[body] = math.cos(theta / 2), 0.0, 0.0, math.sin(theta / 2)
+        if self._balance:
+            pin = self._model.body(CENTRE_OF_MASS).mocapid[0]
+            self._data.mocap_pos[pin] = *centre_of_mass(self._condition, rows), 0.0
         self._colour(marks_of(verdict))
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
@@ -114,6 +132,8 @@ class MujocoStage(Stage):
             self._model.geom_rgba[geom] = BLOCKED if region in marks.blocked else FREE
         for i, parts in enumerate(self._outlines):
             self._model.geom_rgba[parts] = OUTLINE if i in marks.outlined else HIDDEN
+        if self._balance:
+            self._model.geom_rgba[self._balance] = OUTLINE if marks.unbalanced else BALANCE
 
 
 class TopviewStage(Stage):

@@ -13,17 +13,17 @@ from matplotlib.patches import Circle
 from matplotlib.patheffects import withStroke
 from scipy.spatial import ConvexHull
 
-from deggflow.tasks.tabletop.condition import SceneCondition
+from deggflow.tasks.tabletop.condition import Balance, SceneCondition
 from deggflow.tasks.tabletop.library import BY_NAME
 from deggflow.tasks.tabletop.verdict import Verdict, judge
 
 from .bodies import solids_of
-from .marks import Marks, checked_poses, discs_of, marks_of
+from .marks import Marks, centre_of_mass, checked_poses, discs_of, marks_of
 from .solids import Colour, Solid, frustum_corners, rotation
 
 # Bluish green and vermilion differ for colour-blind readers too (Okabe and Ito, 2008); hatching and
 # dashes tell them apart in print without colour.
-FREE, BLOCKED = "#009e73", "#d55e00"
+FREE, BLOCKED, BALANCE = "#009e73", "#d55e00", "#0072b2"
 OUTLINE = "#d4201f"
 _MARGIN = 0.06  # m around the table
 _DPI = 100  # dots per inch of figures turned into pixels
@@ -64,6 +64,8 @@ def topview_figure(
         _draw_regions(axes, condition, i, name, rows[i], marks)
     for i, name in enumerate(condition.objects):
         _draw_object(axes, name, rows[i], i in marks.outlined)
+    if condition.balance is not None:
+        _draw_balance(axes, condition.balance, centre_of_mass(condition, rows), marks.unbalanced)
     return figure
 
 
@@ -113,6 +115,28 @@ def _draw_regions(
         for patch in (fill, edge):
             patch.set_clip_on(False)
             axes.add_patch(patch)
+
+
+def _draw_balance(
+    axes: Axes, balance: Balance, centre: Float[np.ndarray, " 2"], unbalanced: bool
+) -> None:
+    """The circle for the centre of mass, and a cross where it lies."""
+    colour = BLOCKED if unbalanced else BALANCE
+    style = (0, (3, 1.6)) if unbalanced else "solid"
+    circle = Circle(
+        (balance.x, balance.y), balance.radius, fill=False, edgecolor=colour, zorder=4.5
+    )
+    circle.set(linewidth=1.6, linestyle=style, clip_on=False)
+    axes.add_patch(circle)
+    axes.plot(
+        *centre,
+        marker="+",
+        color=colour,
+        markersize=9,
+        markeredgewidth=2.0,
+        zorder=4.6,
+        clip_on=False,
+    )
 
 
 def _draw_object(axes: Axes, name: str, pose: Float[np.ndarray, " 3"], outlined: bool) -> None:

@@ -23,7 +23,32 @@ CONDITION = {
     "goal": {"x": -0.2, "y": 0, "theta": 0},
     "contacts": [[-2.4, 0.36], [-2.4, -0.36], [1.0, 0.36]],
 }
-POLICY = {"q_task": -0.5, "bound": -0.4, "q_safe": -1.5, "draws": 2, "accepted": True}
+POLICY = {
+    "q_task": -0.5,
+    "bound": -0.4,
+    "q_safe": -1.5,
+    "draws": 2,
+    "accepted": True,
+    "speed": 0.31,
+}
+REQUIREMENT = {
+    "name": "q_task",
+    "value": -0.5,
+    "limit": -0.4,
+    "excess": -0.01,
+    "active": 40,
+    "smallest_ell": 0.02,
+}
+MADE = {
+    "held": False,
+    "broken": "robot 2 did not meet its row of q_safe at 3 points",
+    "requirements": [REQUIREMENT, {**REQUIREMENT, "name": "q_safe", "smallest_ell": None}],
+    "steps": 51,
+    "refused": 2,
+    "forced": 0,
+    "least_sine": 0.125,
+    "effort": 3.5,
+}
 TRIAL = {
     "condition": CONDITION,
     "dt": 0.2,
@@ -87,8 +112,11 @@ def trial_objects(draw):
             **dict.fromkeys(("q_task", "bound", "q_safe"), value),
             "draws": st.integers(1, 100),
             "accepted": st.booleans(),
-        }
+            "speed": st.floats(0, 1e6),
+        },
+        optional={"generation": st.just(MADE)},
     )
+    limit = st.fixed_dictionaries({}, optional={"speed_limit": st.floats(0.01, 10.0)})
     certificate = {
         "satisfied": success,
         "min_margin": draw(value),
@@ -96,6 +124,7 @@ def trial_objects(draw):
         "draws": draw(st.integers(1, 100)),
         "reason": draw(st.one_of(st.none(), TEXT)),
         "policies": draw(st.lists(policy, max_size=3)),
+        **draw(limit),
     }
     return {
         "condition": condition,
@@ -124,10 +153,18 @@ def test_a_condition_comes_back_as_it_was_given(value):
 def test_a_trial_comes_back_as_it_was_written(value):
     """To the last bit."""
     trial = parse_trial(parse_line(line(value)))
-    assert trial.to_json() == value
+    assert json.loads(line(trial.to_json())) == value
     again = parse_trial(parse_line(line(trial.to_json())))
     assert again.certificate == trial.certificate
     np.testing.assert_array_equal(again.poses, trial.poses)
+
+
+def test_what_was_written_before_there_were_speeds_is_still_read():
+    value = edited(TRIAL, ["certificate", "policies", 0, "speed"], ...)
+    certificate = parse_trial(parse_line(line(value))).certificate
+    assert certificate.speed_limit is None
+    assert certificate.policies[0].generation is None
+    assert certificate.policies[0].q_safe == POLICY["q_safe"]
 
 
 def test_robots_that_touch_do_not_overlap():
@@ -242,6 +279,48 @@ BAD_TRIALS = {
         "certificate.policies[0].bound",
         "number",
     ),
+    "speed below zero": (
+        ["certificate", "policies", 0, "speed"],
+        -0.1,
+        "certificate.policies[0].speed",
+        "m/s",
+    ),
+    "speed as text": (
+        ["certificate", "policies", 0, "speed"],
+        "slow",
+        "certificate.policies[0].speed",
+        "number",
+    ),
+    "speed limit below zero": (
+        ["certificate", "speed_limit"],
+        -0.1,
+        "certificate.speed_limit",
+        "m/s",
+    ),
+    "speed limit as a flag": (
+        ["certificate", "speed_limit"],
+        True,
+        "certificate.speed_limit",
+        "number",
+    ),
+    "generation as a flag": (
+        ["certificate", "policies", 0, "generation"],
+        True,
+        "certificate.policies[0].generation",
+        "object",
+    ),
+    "generation of half a step": (
+        ["certificate", "policies", 0, "generation"],
+        {**MADE, "steps": 0.5},
+        "certificate.policies[0].generation.steps",
+        "integer",
+    ),
+    "requirement without a value": (
+        ["certificate", "policies", 0, "generation"],
+        {**MADE, "requirements": [REQUIREMENT, {**REQUIREMENT, "value": None}]},
+        "certificate.policies[0].generation.requirements[1].value",
+        "number",
+    ),
     "accepted as a number": (
         ["certificate", "policies", 0, "accepted"],
         1,
@@ -303,15 +382,25 @@ def test_what_is_no_trial_at_all_is_refused(tmp_path, content, reason):
 def test_the_longest_trial_fits_in_a_line(tmp_path):
     """60 policies of 4 actions, every number as long as numbers get."""
     number = -1.2345678901234567e-05
+    digits = {"value": number, "limit": number, "excess": number, "smallest_ell": -number}
+    names = ("q_task", "q_safe", "speed")
+    made = {
+        **MADE,
+        "broken": "robot 8 did not meet its row of q_safe at 1000000000 points",
+        "requirements": [{**REQUIREMENT, **digits, "name": name} for name in names],
+        "least_sine": -number,
+        "effort": -number,
+    }
+    factors = {"q_task": number, "bound": number, "q_safe": number, "speed": -number}
     long = {
         **TRIAL,
         "twists": [[number] * 3] * 240,
         "poses": [TRIAL["poses"][0], *([[number] * 3] * 240)],
         "certificate": {
             **TRIAL["certificate"],
-            "policies": [{**POLICY, "q_task": number, "bound": number, "q_safe": number}] * 60,
+            "policies": [{**POLICY, **factors, "generation": made}] * 60,
         },
     }
     path = tmp_path / "long.jsonl"
     path.write_bytes(line(long) + b"\n")
-    assert read_trials(path)[0].to_json() == long
+    assert json.loads(line(read_trials(path)[0].to_json())) == long

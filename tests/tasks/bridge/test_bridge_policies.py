@@ -6,9 +6,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from policy_cases import AGENTS, SCALES, K, T, at_rest, decoded, random_state
 
-from deggflow.tasks.bridge.codec import spline_matrix
-from deggflow.tasks.bridge.condition import BridgeCondition, Scales, take
+from deggflow.tasks.bridge.condition import BridgeCondition, take
 from deggflow.tasks.bridge.field import load_field
 from deggflow.tasks.bridge.policies import Policies, PolicyGenerator, initial_noise
 from deggflow.tasks.bridge.requirements import (
@@ -16,26 +16,8 @@ from deggflow.tasks.bridge.requirements import (
     bridge_requirements,
     final_values,
 )
-from deggflow.tasks.bridge.scenes import random_conditions
 
-AGENTS, T, K, DT = 6, 20, 8, 0.2
-SCALES = Scales(eta=tuple(np.random.default_rng(0).uniform(0.02, 0.2, 3 * K).tolist()))
-
-
-def random_state(robots, seed):
-    """A random trial in motion, with a continuation; numpy arrays in float64."""
-    rng = np.random.default_rng([seed, robots])
-    trial = random_conditions(robots, 1, seed)[0]
-    contacts, mask = np.zeros((AGENTS, 2)), np.arange(AGENTS) < robots
-    contacts[:robots] = trial.contacts
-    ahead = rng.normal(size=3) * [0.15, 0.1, 0.08] + 0.02 * rng.normal(size=(T, 3))
-    plank, goal = np.array(trial.plank), np.array(trial.goal)
-    return BridgeCondition(plank, ahead[0], goal, contacts, mask, ahead)
-
-
-def at_rest(robots, seed):
-    zero = np.zeros((T, 3))
-    return random_state(robots, seed)._replace(twist=zero[0], continuation=zero)
+DT = 0.2
 
 
 def stacked(states):
@@ -88,20 +70,16 @@ def driven(pose, twists):
     return poses
 
 
-def decoded(z, state, scales):
-    """The team's twists, robot by robot."""
-    g, pull = np.zeros((3, 3)), np.zeros((K, 3))
-    for i in np.flatnonzero(state.mask):
-        r = state.contacts[i]
-        jacobian = np.array([[1.0, 0.0, -r[1]], [0.0, 1.0, r[0]]])
-        g += jacobian.T @ jacobian
-        pull += (z[i] * scales.eta).reshape(K, 3) @ (jacobian.T @ jacobian)
-    return state.continuation + spline_matrix() @ np.linalg.solve(g, pull.T).T
-
-
 def factors(twists, state):
     poses = driven(state.plank, twists[:4])
     return q_task(poses[-1]), q_safe(poses, state.contacts[state.mask])
+
+
+def fastest(twists, state):
+    """Of each contact point in the first four actions, m/s; absent robots stand still."""
+    v, turn = twists[:4, 0] + 1j * twists[:4, 1], 1j * twists[:4, 2]
+    places = state.contacts[:, 0] + 1j * state.contacts[:, 1]
+    return np.abs(v[:, None] + turn[:, None] * places).max(axis=0) * state.mask
 
 
 def on_device(tree):
@@ -122,9 +100,9 @@ def test_factors_are_those_of_the_decoded_motion(state):
 
 
 def test_the_factors_are_named():
-    assert (
-        bridge_requirements(SCALES).names == bridge_guidance(SCALES).names == ("q_task", "q_safe")
-    )
+    names = "q_task", "q_safe"
+    assert bridge_requirements(SCALES).names == bridge_guidance(SCALES).names == names
+    assert bridge_guidance(SCALES, speed_limit=0.3).names == (*names, "speed")
 
 
 @pytest.fixture(scope="module")
@@ -150,7 +128,9 @@ def policies(generators):
     guided = [
         generators["guided"].batch(NOISE[k : k + 1], take(BATCH, slice(k, k + 1))) for k in range(9)
     ]
-    together = Policies(*(np.concatenate(leaves) for leaves in zip(*guided, strict=True)))
+    *arrays, summaries, names = zip(*guided, strict=True)
+    summary = jax.tree.map(lambda *leaves: np.concatenate(leaves), *summaries)
+    together = Policies(*map(np.concatenate, arrays), summary, names[0])
     return {"guided": together, "nominal": generators["nominal"].batch(NOISE, BATCH)}
 
 
@@ -165,6 +145,7 @@ def test_reported_factors_are_those_of_the_twists(policies, name):
         assert found.q_task[k] == pytest.approx(task, abs=1e-8)
         assert found.q_safe[k] == pytest.approx(safe, abs=1e-8)
         assert found.bound[k] == pytest.approx(q_task(state.plank) - 0.05, abs=1e-8)
+        np.testing.assert_allclose(found.speed[k], fastest(found.twists[k], state), atol=1e-9)
 
 
 def test_guided_policies_end_below_their_bounds(policies):
@@ -172,13 +153,14 @@ def test_guided_policies_end_below_their_bounds(policies):
     guided, nominal = policies["guided"], policies["nominal"]
     assert np.all(guided.q_task <= guided.bound)
     assert np.all(guided.q_safe <= 0)
-    assert not guided.stuck.any()
-    assert np.isfinite(guided.effort).all()
-    assert not nominal.effort.any()
+    assert not any(guided.stuck(k).any() for k in range(9))
+    effort = guided.summary.effort
+    assert np.isfinite(effort).all()
+    assert not nominal.summary.effort.any()
     met = (nominal.q_task <= nominal.bound) & (nominal.q_safe <= 0)
     # Guidance that is not needed changes little, and any change shows in the effort.
     changed = np.abs(guided.twists - nominal.twists).max((1, 2))
-    assert np.all(changed[guided.effort.max(1) == 0] <= 1e-5)
+    assert np.all(changed[effort.max(1) == 0] <= 1e-5)
     assert np.all(changed[~met] > 1e-4)
 
 
@@ -188,7 +170,9 @@ def test_same_call_same_policies_to_the_bit(generators, policies):
         "nominal": generators["nominal"].batch(NOISE, BATCH),
     }
     for name, found in again.items():
-        for one, other in zip(found, policies[name], strict=True):
+        assert found.names == policies[name].names
+        leaves = (jax.tree.leaves(each._replace(names=())) for each in (found, policies[name]))
+        for one, other in zip(*leaves, strict=True):
             np.testing.assert_array_equal(one, other[: len(one)])
 
 

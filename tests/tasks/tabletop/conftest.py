@@ -2,11 +2,15 @@
 
 import math
 
+import jax
 import numpy as np
 import pytest
 import shapely
 
 from deggflow.tasks.tabletop.changes import random_conditions
+from deggflow.tasks.tabletop.field import build_field
+from deggflow.tasks.tabletop.generator import TabletopGenerator
+from deggflow.tasks.tabletop.requirements import tabletop_guidance
 
 QUARTERS = (-math.pi / 2, math.pi / 2)
 TILTS = (-math.pi / 6, math.pi / 6)
@@ -46,11 +50,33 @@ PAPER = {
     "pen_cup": ([_disk(0.034)], [(0.083, 0.0, 0.039)], ANY_SIDE),
 }
 
+# kg, in the object's origin; the paper has none.
+MASSES = {
+    "drawer_organizer": 1.2,
+    "teacup": 0.35,
+    "desk_lamp": 1.6,
+    "laptop": 1.4,
+    "potted_plant": 2.2,
+    "handled_mug": 0.45,
+    "drawing_board": 0.8,
+    "scissors": 0.1,
+    "compact_printer": 2.8,
+    "pencil_case": 0.25,
+    "tissue_box": 0.3,
+    "pen_cup": 0.3,
+}
+
 
 @pytest.fixture(scope="session")
 def paper():
     """Of each object: primitives (half x, half y, corner, x, y), regions (x, y, r), directions."""
     return PAPER
+
+
+@pytest.fixture(scope="session")
+def masses():
+    """Of each object, kg."""
+    return MASSES
 
 
 def _random_scenes(seed, count, size, family="default", crowding=1.0):
@@ -93,6 +119,19 @@ def _grown(points, x, y, theta, radius):
     return np.stack([placed.real, placed.imag], axis=-1), radius
 
 
+def _balance(condition, poses):
+    """How far inside its circle the centre of mass lies, in complex numbers; nothing if that is not asked for."""
+    if condition.balance is None:
+        return np.zeros(0)
+    moment = sum(
+        MASSES[name] * complex(x, y)
+        for name, (x, y, _) in zip(condition.objects, poses, strict=True)
+    )
+    centre = moment / sum(MASSES[name] for name in condition.objects)
+    circle = condition.balance
+    return np.array([circle.radius - abs(centre - complex(circle.x, circle.y))])
+
+
 def _reference(condition, poses):
     """Every margin of a scene from the paper's table and Minkowski differences, by the words of its kind."""
     bodies, regions = [], []
@@ -132,7 +171,7 @@ def _reference(condition, poses):
             for b in bodies[j]
         ],
     }
-    out = {}
+    out = {"balance": _balance(condition, poses)}
     for kind, chosen in pairs.items():
         first, second = [a for a, _ in chosen], [b for _, b in chosen]
         core = (
@@ -151,3 +190,23 @@ def _reference(condition, poses):
 def reference():
     """All margins of a scene, worked out from the paper's table independently of the package."""
     return _reference
+
+
+STEPS = 12
+
+
+@pytest.fixture(scope="session")
+def field():
+    """An untrained field, small so that programs are compiled soon."""
+    return build_field(jax.random.key(0), width=16, rounds=1, head_width=16)
+
+
+@pytest.fixture(scope="session")
+def guided(field):
+    """Few steps; every module that generates scenes uses this one, and so the same compiled programs."""
+    return TabletopGenerator(field, tabletop_guidance(), steps=STEPS)
+
+
+@pytest.fixture(scope="session")
+def nominal(field):
+    return TabletopGenerator(field, steps=STEPS)

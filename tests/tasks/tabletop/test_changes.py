@@ -2,12 +2,13 @@
 
 import math
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from deggflow.tasks.tabletop.changes import CHANGED, FAMILIES, change, random_conditions
-from deggflow.tasks.tabletop.condition import Affordance, SceneCondition
+from deggflow.tasks.tabletop.condition import Affordance, Balance, SceneCondition
 from deggflow.tasks.tabletop.library import NAMES
 
 JITTER = math.pi / 22.5  # rad, paper
@@ -100,6 +101,14 @@ def test_perturbation_fills_its_range(paper, family):
     assert fills(offsets, -JITTER - 1e-12, JITTER + 1e-12)
 
 
+def test_balanced_is_changed_and_shares_a_circle():
+    """The same objects under the same requirements, and one that all of them share."""
+    changed, balanced = (random_conditions(6, 10, name, 2) for name in ("changed", "balanced"))
+    for one, other in zip(changed, balanced, strict=True):
+        assert one.balance is None
+        assert other == replace(one, balance=Balance(x=0.0, y=0.0, radius=0.05))
+
+
 def test_changed_draws_a_family_for_each_object(paper):
     """A quarter of the objects each, told by what is left at its default."""
     counts = Counter()
@@ -121,7 +130,7 @@ def test_changed_draws_a_family_for_each_object(paper):
     assert counts["combined"] / total == pytest.approx(0.25, abs=0.06)
 
 
-@pytest.mark.parametrize("family", ["default", "changed", "combined"])
+@pytest.mark.parametrize("family", ["default", "changed", "combined", "balanced"])
 def test_reproducible_and_independent_of_chunking(family):
     """Number k of a seed is the same whatever is drawn with it."""
     whole = random_conditions(5, 12, family, 3)
@@ -139,7 +148,7 @@ def test_families_differ_in_requirements_alone():
     """The same seed and number give the same objects, so that families are compared on the same teams."""
     teams = {
         family: [c.objects for c in random_conditions(6, 20, family, 1)]
-        for family in (*FAMILIES, "changed")
+        for family in (*FAMILIES, "changed", "balanced")
     }
     assert all(team == teams["default"] for team in teams.values())
 

@@ -3,38 +3,24 @@
 import json
 import math
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from deggflow.step_guard import StepGuard
 from deggflow.tasks.tabletop.changes import random_conditions
 from deggflow.tasks.tabletop.condition import SceneCondition
-from deggflow.tasks.tabletop.field import build_field
 from deggflow.tasks.tabletop.formats import parse_scene
-from deggflow.tasks.tabletop.generator import TabletopGenerator, initial_noise, tabletop_guidance
+from deggflow.tasks.tabletop.generator import TabletopGenerator, initial_noise
 from deggflow.tasks.tabletop.oracle import least_margin, refutes
+from deggflow.tasks.tabletop.requirements import tabletop_guidance
 from deggflow.tasks.tabletop.verdict import judge
 
-STEPS = 12
 SEED = 3
 IMPOSSIBLE = SceneCondition(("laptop", "desk_lamp"), width=0.1, depth=0.1)
 ROUNDING = 1e-4  # m and rad, of float32 over a whole generation
-
-
-@pytest.fixture(scope="module")
-def field():
-    return build_field(jax.random.key(0), width=16, rounds=1, head_width=16)
-
-
-@pytest.fixture(scope="module")
-def guided(field):
-    return TabletopGenerator(field, tabletop_guidance(), steps=STEPS)
-
-
-@pytest.fixture(scope="module")
-def nominal(field):
-    return TabletopGenerator(field, steps=STEPS)
 
 
 @pytest.fixture(scope="module")
@@ -122,7 +108,7 @@ def test_guidance_brings_the_violation_down(guided, nominal, conditions):
 def test_a_path_leads_from_the_noise_to_the_sample(nominal, conditions):
     noise = initial_noise(SEED, np.arange(6), 0)
     path = nominal.path(noise[2], conditions[2])
-    assert len(path) == STEPS + 1
+    assert len(path) == 12 + 1
     scale = np.array([[0.70, 0.47, 1.35]])
     np.testing.assert_allclose(path[0], noise[2, : len(path[0])] * scale, atol=1e-6)
     np.testing.assert_allclose(path[-1], nominal.batch(noise, conditions).poses[2], atol=ROUNDING)
@@ -201,3 +187,62 @@ def test_a_diverged_draw_is_never_closer_than_a_finite_one():
     assert not judge([condition], [finite])[0].satisfied
     (scene,) = generator.scenes([condition], max_draws=2)
     np.testing.assert_array_equal(scene.poses, finite)
+
+
+class Runaway(eqx.Module):
+    """The same velocity everywhere; one compiled program serves every speed."""
+
+    speed: jax.Array
+
+    def __call__(self, tau, z, condition):
+        return jnp.full_like(z, 1.0) * self.speed
+
+
+@pytest.mark.parametrize("speed", [math.nan, math.inf, 1e30, 0.0])
+def test_a_guided_generation_is_on_record_even_if_it_diverges(speed):
+    """In finite numbers that a file holds, with the trace of it."""
+    guided = TabletopGenerator(
+        Runaway(jnp.asarray(speed)), tabletop_guidance(), steps=2, guard=StepGuard(1)
+    )
+    condition = SceneCondition(("laptop", "teacup"))
+    (scene,) = guided.scenes([condition], max_draws=1, keep_trace=True)
+    made = scene.certificate.generation
+    assert parse_scene(json.loads(*lines([scene]))).certificate == scene.certificate
+    assert len(made.trace.tau) == 3
+    assert [len(row) for row in made.trace.value] == [1, 1, 1]
+    if speed:
+        assert not made.held
+        assert made.broken in scene.certificate.reason or "diverged" in scene.certificate.reason
+        assert not scene.certificate.satisfied
+
+
+def test_every_draw_is_told_while_it_is_made(guided, conditions):
+    """By its number in the run; the last that is told of a scene that is satisfied is the scene."""
+    told = []
+    made = guided.scenes(
+        [*conditions[:4], IMPOSSIBLE, *conditions[5:]],
+        seed=SEED,
+        first=7,
+        max_draws=2,
+        on_draw=lambda number, scene: told.append((number, scene)),
+    )
+    assert {number for number, _ in told} == set(range(7, 13))
+    for number, scene in enumerate(made, start=7):
+        draws = [each for k, each in told if k == number]
+        assert [each.certificate.draws for each in draws] == list(range(1, len(draws) + 1))
+        assert len(draws) == scene.certificate.draws
+        assert not any(each.certificate.satisfied for each in draws[:-1])
+        if scene.certificate.satisfied:
+            assert draws[-1].to_json() == scene.to_json()
+        else:
+            best = max(each.certificate.min_margin for each in draws)
+            assert scene.certificate.min_margin == best
+
+
+def test_reasons_tell_what_went_wrong_on_the_way(guided):
+    """Of a scene that has no room: the verdict first, then the condition of the theorem that failed."""
+    (scene,) = guided.scenes([IMPOSSIBLE], seed=SEED, max_draws=1)
+    made = scene.certificate.generation
+    assert not made.held
+    assert scene.certificate.reason.endswith(f"; on the way {made.broken}")
+    assert scene.certificate.reason.startswith(scene.verdict().reason(IMPOSSIBLE.objects))

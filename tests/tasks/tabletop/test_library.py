@@ -30,6 +30,10 @@ def test_primitives(paper):
         assert got == paper[kind.name][0]
 
 
+def test_masses(masses):
+    assert {kind.name: kind.mass for kind in LIBRARY} == masses
+
+
 def test_a_corner_fits_into_its_primitive():
     for kind in LIBRARY:
         for primitive in kind.primitives:

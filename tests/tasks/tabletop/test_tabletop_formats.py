@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from deggflow.certificate import Certificate
 from deggflow.jsonl import MAX_LINE, InputError, parse_line
-from deggflow.tasks.tabletop.condition import Affordance, SceneCondition
+from deggflow.tasks.tabletop.condition import Affordance, Balance, SceneCondition
 from deggflow.tasks.tabletop.formats import (
     parse_condition,
     parse_scene,
@@ -28,6 +28,9 @@ LENGTH = st.one_of(st.floats(0.01, 100.0), st.integers(1, 100))
 NEED = st.fixed_dictionaries(
     {}, optional={"offset_scale": SCALE, "radius_scale": SCALE, "direction": ANGLE}
 )
+PLACE = st.one_of(st.floats(-100.0, 100.0), st.integers(-100, 100))
+RADIUS = st.one_of(st.floats(1e-3, 100.0), st.integers(1, 100))
+CIRCLE = st.fixed_dictionaries({}, optional={"x": PLACE, "y": PLACE, "radius": RADIUS})
 POSE = st.tuples(*[st.floats(-1e6, 1e6)] * 3)
 
 
@@ -37,10 +40,8 @@ def conditions(draw):
     names = draw(st.lists(st.sampled_from(NAMES), min_size=1, max_size=12, unique=True))
     needs = st.dictionaries(st.sampled_from(names), NEED)
     table = st.fixed_dictionaries({"width": LENGTH, "depth": LENGTH})
-    return {
-        "objects": names,
-        **draw(st.fixed_dictionaries({}, optional={"requirements": needs, "table": table})),
-    }
+    parts = {"requirements": needs, "table": table, "balance": CIRCLE}
+    return {"objects": names, **draw(st.fixed_dictionaries({}, optional=parts))}
 
 
 @st.composite
@@ -71,6 +72,11 @@ def test_a_condition_comes_back_as_it_was_given(value):
         assert {"width": condition.width, "depth": condition.depth} == value["table"]
     else:
         assert (condition.width, condition.depth) == (1.40, 0.94)
+    if "balance" in value:
+        circle = {"x": 0.0, "y": 0.0, "radius": 0.05, **value["balance"]}
+        assert condition.balance == Balance(*(float(circle[key]) for key in ("x", "y", "radius")))
+    else:
+        assert condition.balance is None
 
 
 @settings(deadline=None)
@@ -78,7 +84,7 @@ def test_a_condition_comes_back_as_it_was_given(value):
 def test_a_condition_made_in_python_comes_back_equal(value):
     """Without the object it was read from, what is written says the same."""
     read = parse_condition(value)
-    made = SceneCondition(read.objects, read.requirements, read.width, read.depth)
+    made = SceneCondition(read.objects, read.requirements, read.width, read.depth, read.balance)
     assert parse_condition(parse_line(line(made.to_json()))) == made == read
 
 
@@ -113,6 +119,10 @@ def requirement(text):
 
 def table(text):
     return b'{"objects": ["laptop"], "table": ' + text + b"}\n"
+
+
+def balance(text):
+    return b'{"objects": ["laptop"], "balance": ' + text + b"}\n"
 
 
 OFFSET = "requirements.laptop.offset_scale"
@@ -216,6 +226,19 @@ BAD_CONDITIONS = {
     "no table at all": (table(b'{"width": 0, "depth": 0.94}'), 1, "table.width", "lie in"),
     "missing table key": (table(b'{"width": 1.4}'), 1, "table.depth", "missing"),
     "table as a list": (table(b"[1.4, 0.94]"), 1, "table", "object"),
+    "circle of radius zero": (balance(b'{"radius": 0}'), 1, "balance.radius", "[0.001, 100] m"),
+    "circle turned inside out": (balance(b'{"radius": -0.1}'), 1, "balance.radius", "lie in"),
+    "circle without an end": (balance(b'{"radius": 1e999}'), 1, "balance.radius", "lie in"),
+    "circle that is not a number": (balance(b'{"x": NaN}'), 1, None, "NaN"),
+    "circle far out": (balance(b'{"x": 0, "y": -101}'), 1, "balance.y", "[-100, 100] m"),
+    "radius as text": (balance(b'{"radius": "0.1"}'), 1, "balance.radius", "number"),
+    "radius as null": (balance(b'{"radius": null}'), 1, "balance.radius", "number"),
+    "radius as bool": (balance(b'{"radius": true}'), 1, "balance.radius", "number"),
+    "unknown key of the balance": (balance(b'{"mass": 1}'), 1, "balance.mass", "unknown"),
+    "balance as a list": (balance(b"[0, 0, 0.1]"), 1, "balance", "object"),
+    "balance as bool": (balance(b"true"), 1, "balance", "object"),
+    "balance as null": (balance(b"null"), 1, "balance", "object"),
+    "balance twice": (balance(b'{"radius": 1, "radius": 2}'), 1, "radius", "twice"),
     "table size as bool": (table(b'{"width": true, "depth": 0.94}'), 1, "table.width", "number"),
     "empty file": (b"", 1, None, "empty"),
     "empty line in the middle": (GOOD + b"\n" + GOOD, 2, None, "empty"),
@@ -297,6 +320,26 @@ SCENE = {
     "seed": 3,
 }
 ABSENT = object()
+MADE = {
+    "held": True,
+    "broken": None,
+    "requirements": [
+        {
+            "name": "affordance",
+            "value": 0.0,
+            "limit": 0.0002,
+            "excess": -0.0001,
+            "active": 5,
+            "smallest_ell": 0.01,
+        }
+    ],
+    "steps": 100,
+    "refused": 0,
+    "forced": 0,
+    "least_sine": None,
+    "effort": 1.5,
+}
+GENERATION = ("certificate", "generation")
 
 # what is wrong: (path to the value, what stands there instead, field, a word of the reason)
 BAD_SCENES = {
@@ -344,6 +387,25 @@ BAD_SCENES = {
         "certificate.draws",
         "missing",
     ),
+    "generation as a list": (GENERATION, [], "certificate.generation", "object"),
+    "generation without steps": (
+        GENERATION,
+        {key: value for key, value in MADE.items() if key != "steps"},
+        "certificate.generation.steps",
+        "missing",
+    ),
+    "requirement without a number": (
+        GENERATION,
+        MADE | {"requirements": [MADE["requirements"][0] | {"value": "low"}]},
+        "certificate.generation.requirements[0].value",
+        "number",
+    ),
+    "circle of a scene": (
+        ("condition", "balance"),
+        {"radius": 0},
+        "condition.balance.radius",
+        "lie in",
+    ),
     "no draws": (("certificate", "draws"), 0, "certificate.draws", "lie in"),
     "negative seed": (("seed",), -1, "seed", "lie in"),
     "seed that no generator takes": (("seed",), 2**31, "seed", "lie in"),
@@ -377,3 +439,16 @@ def test_the_scene_that_is_edited_is_good(tmp_path):
     path = tmp_path / "scenes.jsonl"
     path.write_bytes(line(SCENE) + b"\n")
     assert [scene.to_json() for scene in read_scenes(path)] == [SCENE]
+
+
+def test_a_scene_comes_back_with_what_is_said_of_its_generation(tmp_path):
+    """And with the circle that its objects share."""
+    value = edited(("condition", "balance"), {"y": 0.1, "radius": 0.2})
+    value["certificate"]["generation"] = MADE
+    path = tmp_path / "scenes.jsonl"
+    path.write_bytes(line(value) + b"\n" + line(SCENE) + b"\n")
+    shared, other = read_scenes(path)
+    assert json.loads(line(shared.to_json())) == value
+    assert shared.condition.balance == Balance(0.0, 0.1, 0.2)
+    assert shared.certificate.generation.requirements[0].name == "affordance"
+    assert (other.condition.balance, other.certificate.generation) == (None, None)

@@ -10,7 +10,7 @@ from deggflow.tasks.tabletop.verdict import BUFFER, Kind, judge
 
 EXACT = 1e-9  # m
 CUP_AND_LAMP = ("pen_cup", "desk_lamp")  # disks of 0.034 and 0.06 m
-FAMILIES = ("default", "opposite", "side", "larger", "combined")
+FAMILIES = ("default", "opposite", "side", "larger", "combined", "balanced")
 
 
 def verdict(condition, *poses):
@@ -35,10 +35,11 @@ def test_least_margin_and_violation(many, reference):
         once = np.concatenate(
             [margins[kind] for kind in ("unobstructed", "object on table", "region on table")]
         )
-        everything = np.concatenate([separation, once])
-        assert found.min_margin == pytest.approx(everything.min(), abs=EXACT)
-        assert found.satisfied == (everything.min() >= 0)
-        hinge = np.maximum(BUFFER - everything, 0.0) ** 2 / 2
+        private = np.concatenate([separation, once])
+        least = np.concatenate([private, margins["balance"]]).min()
+        assert found.min_margin == pytest.approx(least, abs=EXACT)
+        assert found.satisfied == (least >= 0)
+        hinge = np.maximum(BUFFER - private, 0.0) ** 2 / 2
         shared = hinge[: len(separation)].sum()  # belongs to both objects
         assert found.violation == pytest.approx(hinge.sum() + shared, abs=EXACT)
 

@@ -12,10 +12,9 @@ from .condition import BridgeCondition, Scales, TrialCondition
 from .drive import random_goals
 from .process import TICK, Process, Stage
 from .readings import Readings, contact_map, safe_value, task_value
-from .verdict import SUB_POSES, bridges, margins, move, sub_poses
+from .verdict import bridges, margins, move, on_the_way, sub_poses
 from .world import DT, HORIZON
 
-_FRACTIONS = np.arange(1, SUB_POSES + 1)[:, None] / SUB_POSES
 _BLEND = np.minimum(np.arange(1, HORIZON + 1) / (BLENDED + 1), 1.0)[:, None]
 
 
@@ -68,15 +67,12 @@ class Episode:
     def advance(self, velocities: Float[np.ndarray, "robots 2"]) -> None:
         """One action: the plank follows the body twist that fits the contact points' velocities best."""
         twist = self._fit @ velocities.reshape(-1)
-        passed = move(self.pose, twist * _FRACTIONS)
-        found = margins(passed, self.condition.contacts)
-        broken = found.least() < 0
-        if broken.any():
-            self.failure = found.reason(int(np.argmax(broken)))
-        else:
-            self.success = bool(bridges(passed[-1:])[0])
+        after = move(self.pose, twist)
+        (passed,) = on_the_way(self.pose[None], twist[None], self.condition.contacts)
+        self.failure = passed.reason
+        self.success = passed.reason is None and bool(bridges(after))
         self.twists.append(twist)
-        self.poses.append(passed[-1])
+        self.poses.append(after)
         self.q_task = task_value(self.pose)
 
     def velocities_of(self, twist: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "robots 2"]:

@@ -18,6 +18,7 @@ from deggflow.jsonl import (
     read_lines,
     shorten,
 )
+from deggflow.records import parse_generation
 
 from .condition import TrialCondition
 from .trial import MAX_SPEED, PolicyRecord, Trial, TrialCertificate
@@ -136,23 +137,26 @@ def _poses(
 
 def _policy(value: Any, field: str) -> PolicyRecord:
     keys = ("q_task", "bound", "q_safe", "draws", "accepted")
-    given = expect_object(value, field, keys, keys)
+    given = expect_object(value, field, (*keys, "speed", "generation"), keys)
     q_task, bound, q_safe = (
         expect_number(given[key], join(field, key), -_ANY, _ANY, "") for key in keys[:3]
     )
+    made = given.get("generation")
     return PolicyRecord(
         q_task,
         bound,
         q_safe,
         expect_integer(given["draws"], join(field, "draws"), 1, MAX_DRAWS),
         expect_flag(given["accepted"], join(field, "accepted")),
+        expect_number(given.get("speed", 0.0), join(field, "speed"), 0.0, _ANY, "m/s"),
+        None if made is None else parse_generation(made, join(field, "generation")),
     )
 
 
 def _certificate(value: Any, field: str) -> TrialCertificate:
     keys = ("satisfied", "min_margin", "violation", "draws", "reason", "policies")
-    given = expect_object(value, field, keys, keys)
-    policies = given["policies"]
+    given = expect_object(value, field, (*keys, "speed_limit"), keys)
+    policies, limit = given["policies"], given.get("speed_limit")
     if not isinstance(policies, list) or len(policies) > MAX_ACTIONS:
         raise InputError(
             f"must be a list of at most {MAX_ACTIONS} policies", field=join(field, "policies")
@@ -164,6 +168,9 @@ def _certificate(value: Any, field: str) -> TrialCertificate:
         expect_integer(given["draws"], join(field, "draws"), 1, MAX_DRAWS),
         expect_reason(given["reason"], join(field, "reason")),
         tuple(_policy(item, f"{field}.policies[{k}]") for k, item in enumerate(policies)),
+        None
+        if limit is None
+        else expect_number(limit, join(field, "speed_limit"), 0.0, _ANY, "m/s"),
     )
 
 

@@ -43,6 +43,24 @@ class Replay(NamedTuple):
     conditions: list[BridgeCondition]  # of one trial each; numpy arrays in float64
 
 
+class Start(NamedTuple):
+    """A state from which one policy is wanted."""
+
+    condition: TrialCondition  # the plank's present pose, goal and contact points
+    twist: Float[np.ndarray, " 3"]  # present body twist
+    previous: Float[np.ndarray, "horizon 3"]  # body twists of the policy that led there
+
+
+class Single(NamedTuple):
+    """One policy from a start."""
+
+    condition: TrialCondition
+    twists: Float[np.ndarray, "actions 3"]  # executed; none where no draw was accepted
+    record: PolicyRecord
+    first_met: bool  # the first draw ends with both factors below their bounds
+    reason: str | None  # why no draw was accepted
+
+
 def _nobody(_: Round) -> None:
     """Watches no round."""
 
@@ -50,17 +68,19 @@ def _nobody(_: Round) -> None:
 class _Running:
     """A trial under way: where the plank is, what was executed, what is left of the previous policy."""
 
-    def __init__(self, condition: TrialCondition, number: int) -> None:
+    def __init__(self, start: Start, number: int) -> None:
+        condition = start.condition
         self.condition, self.number = condition, number
         self.pose = np.array(condition.plank, np.float64)
-        self.twists = np.zeros((0, 3))
-        self.previous = np.zeros((HORIZON, 3))
+        self.twists, self.first_twist = np.zeros((0, 3)), start.twist
+        self.previous = start.previous
+        self.first_met: bool | None = None
         self.records: list[PolicyRecord] = []
         self.bridged = bool(bridges(self.pose))
         self.failure: str | None = None
-        start = margins(self.pose[None], condition.contacts)
-        if start.least()[0] < 0:
-            self.bridged, self.failure = False, STARTS_BROKEN + start.reason(0)
+        here = margins(self.pose[None], condition.contacts)
+        if here.least()[0] < 0:
+            self.bridged, self.failure = False, STARTS_BROKEN + here.reason(0)
 
     @property
     def over(self) -> bool:
@@ -68,7 +88,7 @@ class _Running:
 
     @property
     def motion(self) -> Float[np.ndarray, " 3"]:
-        return self.twists[-1] if len(self.twists) else np.zeros(3)
+        return self.twists[-1] if len(self.twists) else self.first_twist
 
     def carry_out(
         self, plan: Float[np.ndarray, "horizon 3"], verdict: Verdict, record: PolicyRecord
@@ -82,7 +102,7 @@ class _Running:
         self.records.append(record)
         self.failure = reason
 
-    def finish(self, seed: int) -> Trial:
+    def finish(self, seed: int, speed_limit: float | None) -> Trial:
         verdict = execute(np.array(self.condition.plank), self.twists, self.condition.contacts)
         failure = self.failure
         if failure is None and not self.bridged:
@@ -99,6 +119,7 @@ class _Running:
             draws=max((record.draws for record in self.records), default=1),
             reason=reason,
             policies=tuple(self.records),
+            speed_limit=speed_limit,
         )
         success = self.bridged and self.failure is None
         return Trial(
@@ -136,9 +157,20 @@ class BridgeGenerator:
         *,
         steps: int = STEPS,
         power: float = POWER,
+        speed_limit: float | None = None,
     ) -> None:
-        """Args: field: nominal field; guidance: `NoGuidance()` if None; steps, power: of `refined_grid`."""
+        """One field, one guidance.
+
+        Args:
+            field: Nominal field.
+            guidance: `NoGuidance()` if None.
+            steps: Of `refined_grid`.
+            power: Of `refined_grid`.
+            speed_limit: Of contact points (m/s); guided policies that exceed it are refused. Guidance that
+                leads there has it, too.
+        """
         self.policies = PolicyGenerator(field, guidance, steps=steps, power=power)
+        self.speed_limit = speed_limit
         self.guided = not isinstance(self.policies.guidance, NoGuidance)
 
     def trials(
@@ -161,7 +193,8 @@ class BridgeGenerator:
         """
         if max_draws < 1:
             raise ValueError(f"`max_draws` must be at least 1; got {max_draws}.")
-        runs = [_Running(condition, first + k) for k, condition in enumerate(conditions)]
+        rest = np.zeros(3), np.zeros((HORIZON, 3))
+        runs = [_Running(Start(each, *rest), first + k) for k, each in enumerate(conditions)]
         agents = padded_robots(max((len(c.contacts) for c in conditions), default=0))
         for policy in range(MAX_POLICIES):
             under_way = [run for run in runs if not run.over]
@@ -170,7 +203,19 @@ class BridgeGenerator:
             condition = _stack(under_way, agents)
             on_round(Round(policy, tuple(run.number for run in under_way), condition))
             self._advance(under_way, condition, seed, policy, max_draws)
-        return [run.finish(seed) for run in runs]
+        return [run.finish(seed, self.speed_limit) for run in runs]
+
+    def single(
+        self, starts: Sequence[Start], *, seed: int = 0, max_draws: int = MAX_DRAWS
+    ) -> list[Single]:
+        """One policy from each start, of at least one robot; arguments as in `trials`."""
+        runs = [_Running(start, number) for number, start in enumerate(starts)]
+        agents = padded_robots(max(len(start.condition.contacts) for start in starts))
+        self._advance(runs, _stack(runs, agents), seed, 0, max_draws)
+        return [
+            Single(run.condition, run.twists, run.records[0], bool(run.first_met), run.failure)
+            for run in runs
+        ]
 
     def replay(
         self, condition: TrialCondition, *, seed: int, number: int, max_draws: int = MAX_DRAWS
@@ -217,20 +262,39 @@ class BridgeGenerator:
     ) -> tuple[PolicyRecord, str] | None:
         """Executes a policy, or returns why it is refused."""
         plan = drawn.twists[row]
-        record = PolicyRecord(
-            float(drawn.q_task[row]), float(drawn.bound[row]), float(drawn.q_safe[row]), draws, True
-        )
+        made = drawn.record(row, len(run.condition.contacts))
         if not (np.abs(plan) <= MAX_SPEED).all():  # nor if it is not a number
-            record = PolicyRecord(_DIVERGED, record.bound, _DIVERGED, draws, False)
+            bound = float(drawn.bound[row])
+            record = PolicyRecord(_DIVERGED, bound, _DIVERGED, draws, False, generation=made)
+            run.first_met = bool(run.first_met)
             return record, f"policy {policy + 1}: the generation diverged"
+        record = PolicyRecord(
+            float(drawn.q_task[row]),
+            float(drawn.bound[row]),
+            float(drawn.q_safe[row]),
+            draws,
+            True,
+            float(drawn.speed[row].max()),
+            made,
+        )
+        run.first_met = record.met if run.first_met is None else run.first_met
         verdict = execute(run.pose, plan[:EXECUTED], run.condition.contacts)
-        if self.guided and (not record.met or verdict.reason is not None):
-            return replace(record, accepted=False), _refusal(run, drawn, row, verdict, policy)
+        too_fast = self.speed_limit is not None and record.speed > self.speed_limit
+        if self.guided and (not record.met or verdict.reason is not None or too_fast):
+            reason = _refusal(run, drawn, row, verdict, policy, self.speed_limit)
+            return replace(record, accepted=False), reason
         run.carry_out(plan, verdict, record)
         return None
 
 
-def _refusal(run: _Running, drawn: Policies, row: int, verdict: Verdict, policy: int) -> str:
+def _refusal(
+    run: _Running,
+    drawn: Policies,
+    row: int,
+    verdict: Verdict,
+    policy: int,
+    speed_limit: float | None,
+) -> str:
     """Which factor is missed, which robots could not meet their rows, and what stands in the way."""
     missed = []
     if drawn.q_task[row] > drawn.bound[row]:
@@ -239,10 +303,13 @@ def _refusal(run: _Running, drawn: Policies, row: int, verdict: Verdict, policy:
         missed.append(f"q_safe misses its bound by {drawn.q_safe[row]:.3g}")
     if verdict.reason is not None:
         missed.append(f"on the way {verdict.reason}")
-    stuck = drawn.stuck[row][: len(run.condition.contacts)]
-    robots = ", ".join(str(k + 1) for k in np.flatnonzero(stuck))
+    speed = drawn.speed[row]
+    if speed_limit is not None and speed.max() > speed_limit:
+        fastest = int(speed.argmax())
+        missed.append(f"robot {fastest + 1} would move at {speed[fastest]:.3f} m/s")
+    robots = ", ".join(str(k + 1) for k in np.flatnonzero(drawn.stuck(row)))
     text = f"blocked at policy {policy + 1}: {' and '.join(missed)}"
-    effort = drawn.effort[row][: len(run.condition.contacts)]
+    effort = drawn.summary.effort[row][: len(run.condition.contacts)]
     if robots:
         text += f"; no input of robot {robots} met its rows"
     else:

@@ -5,6 +5,7 @@ Shares only the place's dimensions with the rest of the package.
 
 import re
 from collections.abc import Mapping
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -175,6 +176,12 @@ def _blamed(motion: Motion, reason: str) -> str | None:
     return f"it is not so that {reason}" if found[last].min() > TOLERANCE else None
 
 
+def fastest_contact(value: Mapping[str, Any]) -> float:
+    """Largest speed of a contact point in a trial: of v + omega x r, in m/s."""
+    pairs = product(value["twists"], value["condition"]["contacts"])
+    return max((abs(complex(x, y) + 1j * w * complex(*r)) for (x, y, w), r in pairs), default=0.0)
+
+
 def _certificate(value: Mapping[str, Any], motion: Motion) -> str | None:
     certificate = value["certificate"]
     broken = [p for p in certificate["policies"] if p["q_task"] > p["bound"] or p["q_safe"] > 0]
@@ -184,6 +191,9 @@ def _certificate(value: Mapping[str, Any], motion: Motion) -> str | None:
         return "a trial that failed is certified"
     if broken or not all(p["accepted"] for p in certificate["policies"]):
         return "a policy that misses a bound is certified"
+    limit = certificate.get("speed_limit")
+    if limit is not None and fastest_contact(value) > limit + TOLERANCE:
+        return f"a contact point moves at {fastest_contact(value):.4f} m/s"
     if abs(motion.least.min() - certificate["min_margin"]) > SAGITTA:
         return f"the least margin is {motion.least.min():.4f} m"
     return None

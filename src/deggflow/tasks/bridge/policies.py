@@ -1,24 +1,27 @@
 """One policy for each trial of a batch, in one compiled program; its end checked in float64."""
 
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
-from deggflow.generation import Trace, generate, refined_grid
-from deggflow.guidance import AbstractGuidance, NoGuidance
+from deggflow.certificate import GenerationRecord, record
+from deggflow.generation import generate, refined_grid
+from deggflow.guidance import AbstractGuidance, DecoupledGuidance, NoGuidance
 from deggflow.redraw import BATCHES, padded_batch
 from deggflow.step_guard import StepGuard
+from deggflow.trace import Summary, Trace, summarise
 
 from .codec import decode_twists
 from .condition import BridgeCondition, Scales, take
 from .field import BridgeField
 from .requirements import final_values
-from .world import AGENT_DIM, MAX_ROBOTS
+from .verdict import contact_speeds
+from .world import AGENT_DIM, EXECUTED, MAX_ROBOTS
 
 STEPS, POWER = 50, 1.0  # of the grid that policies are generated on
 GUARD = StepGuard()
@@ -31,16 +34,30 @@ class Policies(NamedTuple):
     q_task: Float[np.ndarray, " trials"]
     bound: Float[np.ndarray, " trials"]  # beta_task(1)
     q_safe: Float[np.ndarray, " trials"]
-    stuck: Int[np.ndarray, "trials agents"]  # steps at which no input of this robot met its rows
-    effort: Float[np.ndarray, "trials agents"]  # largest |u_i|
+    speed: Float[
+        np.ndarray, "trials agents"
+    ]  # largest of each contact point in executed actions, m/s
+    summary: Summary  # of each generation; leaves with a leading axis of trials
+    names: tuple[str, ...]  # of the requirements
+
+    def record(self, trial: int, robots: int) -> GenerationRecord | None:
+        """What happened in one generation, by the names of its robots; None if it was not guided."""
+        if not self.names:
+            return None
+        made = jax.tree.map(lambda leaf: leaf[trial], self.summary)
+        return record(made, self.names, [f"robot {k + 1}" for k in range(robots)])
+
+    def stuck(self, trial: int) -> Bool[np.ndarray, " agents"]:
+        """Which robots had no input that met their rows, or no direction to act along, at some step."""
+        unable = np.asarray(self.summary.stuck[trial]).any(axis=0)
+        return np.asarray(unable | (np.asarray(self.summary.infeasible[trial]) > 0))
 
 
 class Drawn(NamedTuple):
     """Generated states and what the guidance met with, as the compiled program hands them out."""
 
     z: Float[Array, "agents dim"]
-    stuck: Int[Array, " agents"]
-    effort: Float[Array, " agents"]
+    summary: Summary
 
 
 @eqx.filter_jit
@@ -54,9 +71,7 @@ def _draw(
 ) -> Drawn:
     def one(z0: Float[Array, "agents dim"], trial: BridgeCondition) -> Drawn:
         out = generate(field.under(trial), guidance, z0, trial, grid=grid, guard=guard)
-        bad = out.trace.infeasible | ~jnp.all(out.trace.able, axis=1)
-        stuck = jnp.sum(bad & trial.mask[None], axis=0)
-        return Drawn(out.z, stuck, jnp.max(out.trace.effort, axis=0))
+        return Drawn(out.z, summarise(out.trace, out.work, trial.mask))
 
     return jax.vmap(one)(noise, condition)
 
@@ -142,7 +157,12 @@ class PolicyGenerator:
         for start in range(0, count, BATCHES[-1]):
             index = np.resize(np.arange(start, min(start + BATCHES[-1], count)), size)
             parts.append(self._padded(noise[index, :agents], take(condition, index)))
-        return Policies(*(np.concatenate(leaves)[:count] for leaves in zip(*parts, strict=True)))
+        *leaves, summary = zip(*parts, strict=True)
+        joined = [np.concatenate(leaf)[:count] for leaf in leaves]
+        whole = jax.tree.map(lambda *leaf: np.concatenate(leaf)[:count], *summary)
+        names = self.guidance.names if isinstance(self.guidance, DecoupledGuidance) else ()
+        twists, q_task, bound, q_safe, speed = joined
+        return Policies(twists, q_task, bound, q_safe, speed, whole, names)
 
     def draw(
         self, noise: Float[np.ndarray, "trials agents dim"], condition: BridgeCondition
@@ -153,17 +173,18 @@ class PolicyGenerator:
 
     def _padded(
         self, noise: Float[np.ndarray, "trials agents dim"], condition: BridgeCondition
-    ) -> Policies:
+    ) -> tuple[Any, ...]:
         single = jax.tree.map(_single, condition)
         drawn = self.draw(noise, single)
         with jax.enable_x64(True):
             z = jnp.asarray(np.asarray(drawn.z), jnp.float64)
             exact = jax.tree.map(jnp.asarray, condition)
             twists, values = (np.asarray(leaf) for leaf in _end(z, exact, self.field.scales))
-        return Policies(
-            twists, values[:, 0], values[:, 1], values[:, 2],
-            np.asarray(drawn.stuck), np.asarray(drawn.effort),
-        )  # fmt: skip
+        speed = (
+            contact_speeds(twists[:, :EXECUTED], np.asarray(condition.contacts)) * condition.mask
+        )
+        summary = jax.tree.map(np.asarray, drawn.summary)
+        return twists, values[:, 0], values[:, 1], values[:, 2], speed, summary
 
     def trace(self, z0: Float[np.ndarray, "agents dim"], condition: BridgeCondition) -> Trace:
         """The generation of one trial's policy step by step."""

@@ -1,13 +1,18 @@
-"""The bridge's guidance: q_task and q_safe of the actions that will be executed, shared by all robots."""
+"""The bridge's guidance: what the executed actions must keep.
+
+q_task and q_safe are shared by all robots; a speed limit is each robot's own.
+"""
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from deggflow.guidance import (
+    AbstractRequirement,
     AbstractSharing,
     AdaptiveShares,
     DecoupledGuidance,
+    PrivateRequirement,
     Recovering,
     SharedFactor,
     SharedRequirements,
@@ -17,7 +22,7 @@ from deggflow.guidance import (
 from .codec import decode_twists
 from .condition import BridgeCondition, Scales, centres
 from .factors import safe_factor, task_factor
-from .motion import integrate
+from .motion import contact_velocity, integrate
 from .world import DT, EXECUTED
 
 PROGRESS = 0.05  # by which a policy must lower q_task
@@ -74,14 +79,46 @@ def bridge_requirements(
     return SharedRequirements((task, safe), AdaptiveShares() if sharing is None else sharing)
 
 
-def bridge_guidance(scales: Scales, sharing: AbstractSharing | None = None) -> DecoupledGuidance:
+SPEED_BUFFER = 0.02  # m/s, delta of the hinge
+
+
+class SpeedViolation(eqx.Module):
+    """V_i of a robot's own speed limit: sum_t max(delta - h_it, 0)^2 / 2 over the executed actions, (m/s)^2.
+
+    h_it = (limit^2 - |c_it|^2) / (2 limit) is nonnegative where the contact point's speed |c_it| is at most the
+    limit, close to it the difference of the two, and smooth where the robot stands still.
+    """
+
+    scales: Scales = eqx.field(static=True)
+    limit: float = eqx.field(static=True)  # m/s
+
+    def __call__(
+        self, z: Float[Array, "agents dim"], condition: BridgeCondition
+    ) -> Float[Array, " agents"]:
+        """V_i of every robot; zero for absent ones."""
+        twists = decode_twists(z, condition, self.scales, EXECUTED)
+        velocity = contact_velocity(twists[None], condition.contacts[:, None])
+        margin = (self.limit**2 - jnp.sum(velocity**2, axis=-1)) / (2 * self.limit)
+        own = jnp.sum(jnp.maximum(SPEED_BUFFER - margin, 0.0) ** 2, axis=-1) / 2
+        return jnp.where(condition.mask, own, 0.0)
+
+
+def bridge_guidance(
+    scales: Scales, sharing: AbstractSharing | None = None, *, speed_limit: float | None = None
+) -> DecoupledGuidance:
     """Guidance for the bridge, g_i = I and H_i = I.
 
     Args:
         scales: Of the field's training set, as the decoder needs them.
         sharing: Weights of the robots; adaptive ones (the paper's) if None.
+        speed_limit: Of each robot's contact point (m/s), private to the robot; None for no limit.
     """
-    return DecoupledGuidance((bridge_requirements(scales, sharing),))
+    requirements: list[AbstractRequirement] = [bridge_requirements(scales, sharing)]
+    if speed_limit is not None:
+        violation = SpeedViolation(scales, speed_limit)
+        floor = SPEED_BUFFER**2 / 2
+        requirements.append(PrivateRequirement(violation, floor=floor, name="speed"))
+    return DecoupledGuidance(tuple(requirements))
 
 
 def final_values(

@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from deggflow.certificate import GenerationRecord, columns
+
 from .condition import TrialCondition
 from .world import DT
 
@@ -21,6 +23,17 @@ class PolicyRecord:
     q_safe: float  # its bound is 0
     draws: int  # initial samples tried
     accepted: bool
+    speed: float = 0.0  # m/s, largest of a contact point in the actions that are executed
+    generation: GenerationRecord | None = None  # None without guidance
+
+    def to_json(self) -> dict[str, Any]:
+        """As it stands in a file."""
+        out = asdict(self)
+        if self.generation is None:
+            del out["generation"]
+        else:
+            out["generation"] = self.generation.to_json()
+        return out
 
     @property
     def excess(self) -> float:
@@ -43,10 +56,44 @@ class TrialCertificate:
     draws: int  # most initial samples tried for one policy
     reason: str | None  # which factor and which robots, if not satisfied
     policies: tuple[PolicyRecord, ...]
+    speed_limit: float | None = None  # m/s, of every contact point; None if there was none
 
     def to_json(self) -> dict[str, Any]:
         """As it stands in a file."""
-        return {**asdict(self), "policies": [asdict(policy) for policy in self.policies]}
+        out = {**asdict(self), "policies": [policy.to_json() for policy in self.policies]}
+        if self.speed_limit is None:
+            del out["speed_limit"]
+        return out
+
+    def table(self) -> str:
+        """The certificate as a readable table, one line per policy."""
+        head = "satisfied" if self.satisfied else f"NOT satisfied: {self.reason}"
+        limit = "" if self.speed_limit is None else f", speed limit {self.speed_limit:g} m/s"
+        lines = [f"{head}; least margin {self.min_margin:.3f} m{limit}"]
+        heads = (
+            "policy", "q_task", "bound", "q_safe", "draws", "m/s",
+            "conditions held", "steps, refused, forced", "least sine", "largest |u|",
+        )  # fmt: skip
+        rows = [heads, *(_row(k, policy) for k, policy in enumerate(self.policies, start=1))]
+        return "\n".join([*lines, *columns(rows)])
+
+
+def _row(number: int, policy: PolicyRecord) -> tuple[str, ...]:
+    made = policy.generation
+    on_the_way = ("-", "-", "-", "-")
+    if made is not None:
+        sine = "-" if made.least_sine is None else f"{made.least_sine:.2g}"
+        took = f"{made.steps}, {made.refused}, {made.forced}"
+        on_the_way = ("yes" if made.held else "no", took, sine, f"{made.effort:.3g}")
+    return (
+        f"{number}" if policy.accepted else f"{number} (refused)",
+        f"{policy.q_task:.4f}",
+        f"{policy.bound:.4f}",
+        f"{policy.q_safe:.4f}",
+        f"{policy.draws}",
+        f"{policy.speed:.3f}",
+        *on_the_way,
+    )
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,9 @@ from .world import (
 )
 
 SUB_POSES = 4  # poses looked at in every action
+FINE = 1024  # poses looked at where a point's arc may dip below a margin between two of those
 _CORNERS = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]]) * [PLANK_LENGTH / 2, PLANK_WIDTH / 2]
+_REACH = float(np.hypot(PLANK_LENGTH / 2, CENTRE_SIDE))  # m, no point that counts is farther out
 _WAY = PLANK_LENGTH / 2 - ROBOT_RADIUS - END_CLEARANCE  # m, half length of the robots' way
 
 Poses = Float[np.ndarray, "... 3"]
@@ -132,6 +134,51 @@ def sub_poses(
     return np.stack([move(pose, twist, DT * k / parts) for k in range(1, parts + 1)], -2)
 
 
+def contact_speeds(
+    twists: Float[np.ndarray, "... actions 3"], contacts: Float[np.ndarray, "... robots 2"]
+) -> Float[np.ndarray, "... robots"]:
+    """Largest speed of each contact point over some actions, m/s."""
+    turn, r = twists[..., None, 2], contacts[..., None, :, :]
+    x = twists[..., None, 0] - turn * r[..., 1]
+    y = twists[..., None, 1] + turn * r[..., 0]
+    return np.asarray(np.hypot(x, y).max(axis=-2, initial=0.0))
+
+
+class Passage(NamedTuple):
+    """What happens within an action, its end included."""
+
+    margin: float  # least distance to failure, m
+    reason: str | None  # what is broken first
+
+
+def on_the_way(
+    poses: Float[np.ndarray, "actions 3"],
+    twists: Float[np.ndarray, "actions 3"],
+    contacts: Sequence[Sequence[float]],
+) -> list[Passage]:
+    """Every action from the pose it begins at.
+
+    A point moves along an arc. Between two poses h apart in time a coordinate of it, whose second derivative is at
+    most |omega| |v|, dips below the lower of both ends by at most h^2 |omega| |v| / 8. Support may pass from one
+    ground to the other in between, within h |v|. Where either could break something, poses are taken closer.
+    """
+    found = margins(sub_poses(poses, twists), contacts)
+    turn = np.abs(twists[:, 2])
+    speed = np.hypot(twists[:, 0], twists[:, 1]) + turn * _REACH
+    dip = (DT / SUB_POSES) ** 2 * turn * speed / 8
+    out = []
+    for k, room in enumerate(found.least()):
+        look = Margins(*(leaf[k] for leaf in found))
+        close = room.min() < dip[k] or look.support.min() < speed[k] * DT / SUB_POSES
+        if room.min() >= 0 and close:
+            look = margins(sub_poses(poses[k], twists[k], FINE), contacts)
+            room = look.least()
+        broken = room < 0
+        reason = look.reason(int(np.argmax(broken))) if broken.any() else None
+        out.append(Passage(float(room.min()), reason))
+    return out
+
+
 class Verdict(NamedTuple):
     """What came of a sequence of actions."""
 
@@ -166,18 +213,14 @@ def execute(
     """Carries out actions until the plank bridges the gap, something fails, or they are used up."""
     twists = np.asarray(twists, np.float64).reshape(-1, 3)
     poses = integrate(pose, twists)
-    passed = sub_poses(poses[:-1], twists)
-    found = margins(passed, contacts)
-    room = found.least()  # actions x parts
-    failing, done = np.any(room < 0, axis=-1), np.asarray(bridges(poses[1:]))
+    passed = on_the_way(poses[:-1], twists, contacts)
+    failing = np.array([each.reason is not None for each in passed], bool)
+    done = np.asarray(bridges(poses[1:]))
     ends = np.flatnonzero(failing | done)
     actions = int(ends[0]) + 1 if len(ends) else len(twists)
-    least = min([float(margins(poses[0], contacts).least()), *room[:actions].ravel().tolist()])
-    reason, bridged = None, False
-    if len(ends):
-        last = actions - 1
-        bridged = bool(done[last] and not failing[last])
-        if failing[last]:
-            part = int(np.argmax(room[last] < 0))
-            reason = Margins(*(leaf[last] for leaf in found)).reason(part)
-    return Verdict(poses[: actions + 1], bridged, reason, least)
+    start = float(margins(poses[0], contacts).least())
+    least = min([start, *(each.margin for each in passed[:actions])])
+    if not len(ends):
+        return Verdict(poses, False, None, least)
+    reason = passed[actions - 1].reason
+    return Verdict(poses[: actions + 1], reason is None, reason, least)

@@ -2,10 +2,11 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
-from .condition import Affordance, SceneCondition
+from .condition import Affordance, Balance, SceneCondition
 from .library import BY_NAME, NAMES
 
 OFFSET_RANGE = (0.98, 1.12)
@@ -61,6 +62,9 @@ FAMILIES: dict[str, Change] = {
     "combined": _combined,
 }
 CHANGED = tuple(family for family in FAMILIES if family != "default")
+BALANCED = (
+    Balance()
+)  # of the family "balanced": as "changed", and the centre of mass near the table's
 
 
 def change(condition: SceneCondition, family: str, rng: np.random.Generator) -> SceneCondition:
@@ -68,11 +72,14 @@ def change(condition: SceneCondition, family: str, rng: np.random.Generator) -> 
 
     Args:
         condition: Objects and table.
-        family: A key of `FAMILIES`; or "changed", where each object draws its family from the four changes.
+        family: A key of `FAMILIES`; or "changed", where each object draws its family from the four changes; or
+            "balanced", which adds a requirement on the centre of mass that all objects share.
         rng: Source of randomness.
     """
     if family == "default":
         return condition.with_requirements({})
+    if family == "balanced":
+        condition, family = replace(condition, balance=BALANCED), "changed"
     requirements = {}
     for name in condition.objects:
         chosen = str(rng.choice(CHANGED)) if family == "changed" else family

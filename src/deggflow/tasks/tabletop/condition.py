@@ -1,7 +1,7 @@
 """What a tabletop scene is asked to be, and the padded arrays a compiled program reads it from."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, NamedTuple
 
 import jax
@@ -25,6 +25,15 @@ class Affordance:
 
 
 @dataclass(frozen=True)
+class Balance:
+    """A requirement that all objects share: their centre of mass lies in a circle on the table."""
+
+    x: float = 0.0  # m, from the table's centre
+    y: float = 0.0  # m
+    radius: float = 0.05  # m
+
+
+@dataclass(frozen=True)
 class SceneCondition:
     """Objects, requirements and table of one scene; `given` is the JSON object it was read from."""
 
@@ -32,6 +41,7 @@ class SceneCondition:
     requirements: Mapping[str, Affordance] = field(default_factory=dict)
     width: float = TABLE_WIDTH  # m
     depth: float = TABLE_DEPTH  # m
+    balance: Balance | None = None
     given: Mapping[str, Any] | None = field(default=None, compare=False)
 
     def affordance(self, name: str) -> Affordance:
@@ -40,7 +50,7 @@ class SceneCondition:
 
     def with_requirements(self, requirements: Mapping[str, Affordance]) -> "SceneCondition":
         """The same objects and table under other requirements."""
-        return SceneCondition(self.objects, requirements, self.width, self.depth)
+        return replace(self, requirements=requirements, given=None)
 
     def to_json(self) -> dict[str, Any]:
         """The condition as it stands in a file: as given, or only what differs from the defaults."""
@@ -58,6 +68,8 @@ class SceneCondition:
             }
         if (self.width, self.depth) != (TABLE_WIDTH, TABLE_DEPTH):
             out["table"] = {"width": self.width, "depth": self.depth}
+        if self.balance is not None:
+            out["balance"] = asdict(self.balance)
         return out
 
 
@@ -86,6 +98,11 @@ class TabletopCondition(NamedTuple):
     )
     half_width: Float[Array, ""]  # m
     half_depth: Float[Array, ""]  # m
+    mass: Float[Array, " agents"]  # kg; zero for padding
+    balance: Float[Array, " 3"]  # x, y, radius of the circle for the centre of mass, m
+
+
+EVERYWHERE = (0.0, 0.0, 1e3)  # m, stands for the circle of a scene that need not be balanced
 
 
 def padded_size(agents: int) -> int:
@@ -149,17 +166,21 @@ def to_arrays(conditions: Sequence[SceneCondition], agents: int | None = None) -
     size = agents or padded_size(max(len(c.objects) for c in conditions))
     count = len(conditions)
     mask, kind = np.zeros((count, size), bool), np.zeros((count, size), np.int32)
+    mass, balance = np.zeros((count, size), np.float32), np.zeros((count, 3), np.float32)
     primitives = _PartRows(count, size, EXTRA_PRIMITIVES)
     regions, access = _PartRows(count, size, EXTRA_REGIONS), _PartRows(count, size, 0)
     for s, condition in enumerate(conditions):
+        circle = condition.balance
+        balance[s] = EVERYWHERE if circle is None else (circle.x, circle.y, circle.radius)
         for i, name in enumerate(condition.objects):
             mask[s, i], kind[s, i] = True, NAMES.index(name)
+            mass[s, i] = BY_NAME[name].mass
             primitives.add(s, i, _primitive_rows(BY_NAME[name]))
             regions.add(s, i, _region_rows(BY_NAME[name], condition.affordance(name)))
             access.add(s, i, _access_rows(BY_NAME[name]))
     half = np.array([[c.width, c.depth] for c in conditions], np.float32) / 2
     parts = (primitives.stack(), regions.stack(), access.stack())
-    stacked: Any = (mask, kind, *parts, half[:, 0], half[:, 1])
+    stacked: Any = (mask, kind, *parts, half[:, 0], half[:, 1], mass, balance)
     return TabletopCondition(*stacked)
 
 

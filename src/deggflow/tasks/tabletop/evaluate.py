@@ -1,26 +1,22 @@
 """Success rates of nominal and guided generation on random cases (paper: tables of Task 2)."""
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from deggflow.certificate import Certificate
 from deggflow.flow import Field
 from deggflow.statistics import Rate
 
 from .changes import random_conditions
 from .condition import SceneCondition
-from .generator import (
-    LOCAL,
-    OWN,
-    POOLED,
-    TabletopGenerator,
-    initial_noise,
-    tabletop_guidance,
-)
+from .generator import TabletopGenerator, initial_noise
 from .oracle import refutes
+from .requirements import LOCAL, OWN, POOLED, tabletop_guidance
+from .scene import Scene
 from .verdict import Verdict, judge
 
 ALLOCATIONS = {"own": OWN, "pooled": POOLED, "local": LOCAL}
@@ -40,6 +36,10 @@ class Evaluation:
     most_draws: int
     least_margin: float  # m, over the guided scenes that were claimed satisfied
     refuted: int  # claims that Shapely refutes
+    held: int  # first draws along which the conditions of the theorem held
+    contradicted: int  # of these, draws that the verdict refuses all the same
+    evaluations: Sequence[float]  # of the guided field: median, 99% quantile, most
+    forced: int  # first draws with a step that had to be taken above its limit
 
     def to_json(self) -> dict[str, Any]:
         """As it stands in a file."""
@@ -75,28 +75,73 @@ def _count(verdicts: Sequence[Verdict]) -> int:
     return sum(verdict.satisfied for verdict in verdicts)
 
 
+@dataclass(frozen=True)
+class Failure:
+    """A draw that its verdict refused."""
+
+    number: int  # of the case in the run
+    scene: Scene
+
+    def to_json(self) -> dict[str, Any]:
+        """As it stands in a file."""
+        return {"number": self.number, "scene": self.scene.to_json()}
+
+
+def _nobody(failure: Failure) -> None:
+    """Collects no failures."""
+
+
 def evaluate(
-    field: Field, size: int, requirements: str, cases: int, seed: int, max_draws: int
+    field: Field,
+    size: int,
+    requirements: str,
+    cases: int,
+    seed: int,
+    max_draws: int,
+    *,
+    on_failure: Callable[[Failure], None] = _nobody,
 ) -> Evaluation:
-    """Nominal and guided scenes of random cases, every claim checked by Shapely."""
+    """Nominal and guided scenes of random cases, every claim checked by Shapely.
+
+    `on_failure` is told of every guided draw that its verdict refuses.
+    """
     conditions = random_conditions(size, cases, requirements, seed)
     nominal = TabletopGenerator(field).batch(initial_noise(seed, np.arange(cases), 0), conditions)
-    default = [condition.with_requirements({}) for condition in conditions]
+    default = [replace(c, requirements={}, balance=None, given=None) for c in conditions]
+    first: list[Certificate] = []
+
+    def look(number: int, scene: Scene) -> None:
+        if scene.certificate.draws == 1:
+            first.append(scene.certificate)
+        if not scene.certificate.satisfied:
+            on_failure(Failure(number, scene))
+
     guided = TabletopGenerator(field, tabletop_guidance()).scenes(
-        conditions, seed=seed, max_draws=max_draws
+        conditions, seed=seed, max_draws=max_draws, on_draw=look
     )
     claimed = [scene for scene in guided if scene.certificate.satisfied]
+    records = [each.generation for each in first if each.generation is not None]
+    taken = np.array([each.steps + each.refused + 1 for each in records])
+    held = [each for each in first if each.generation is not None and each.generation.held]
     return Evaluation(
         size,
         requirements,
         cases,
         natural=_count(judge(default, nominal.poses)),
         private=_count(judge(conditions, nominal.poses)),
-        first_draw=sum(scene.certificate.draws == 1 for scene in claimed),
+        first_draw=sum(each.satisfied for each in first),
         satisfied=len(claimed),
         most_draws=max(scene.certificate.draws for scene in guided),
         least_margin=min((s.certificate.min_margin for s in claimed), default=float("nan")),
         refuted=sum(refutes(scene.condition, scene.poses) for scene in claimed),
+        held=len(held),
+        contradicted=sum(not each.satisfied for each in held),
+        evaluations=(
+            float(np.median(taken)),
+            float(np.quantile(taken, 0.99)),
+            float(taken.max()),
+        ),
+        forced=sum(each.forced > 0 for each in records),
     )
 
 
@@ -119,12 +164,12 @@ def compare(
     allocation: str,
     reanchored: bool,
 ) -> Comparison:
-    """First draws of one way to guide."""
+    """First draws of one way to guide, by fixed steps: nothing but the way differs."""
     conditions = random_conditions(size, cases, requirements, seed)
     noise = initial_noise(seed, np.arange(cases), 0)
     guidance = tabletop_guidance(ALLOCATIONS[allocation], reanchored=reanchored)
     nominal = TabletopGenerator(field).batch(noise, conditions)
-    guided = TabletopGenerator(field, guidance).batch(noise, conditions)
+    guided = TabletopGenerator(field, guidance, guard=None).batch(noise, conditions)
     verdicts = judge(conditions, guided.poses)
     return Comparison(
         size,

@@ -6,27 +6,25 @@ from typing import Any
 
 import numpy as np
 
-from deggflow.certificate import Certificate
 from deggflow.jsonl import (
     InputError,
-    expect_flag,
     expect_integer,
     expect_number,
     expect_object,
-    expect_reason,
     join,
     read_lines,
     shorten,
 )
+from deggflow.records import parse_certificate
 
-from .condition import Affordance, SceneCondition
+from .condition import Affordance, Balance, SceneCondition
 from .library import MAX_OBJECTS, NAMES, TABLE_DEPTH, TABLE_WIDTH
 from .scene import Scene
 
 MIN_SCALE, MAX_SCALE = 0.01, 10.0
 MIN_TABLE, MAX_TABLE = 0.01, 100.0  # m
+MIN_RADIUS = 1e-3  # m, of the circle for the centre of mass
 MAX_SEED = 2**31 - 1  # JAX's keys are made from 32-bit integers
-MAX_DRAWS = 10_000  # as `generate` allows
 MAX_ANGLE = 2 * math.pi + 1e-9  # rad
 
 
@@ -66,9 +64,19 @@ def _affordance(value: Any, field: str) -> Affordance:
     )
 
 
+def _balance(value: Any, field: str) -> Balance:
+    limits = {"x": (-MAX_TABLE, MAX_TABLE), "y": (-MAX_TABLE, MAX_TABLE)}
+    limits["radius"] = (MIN_RADIUS, MAX_TABLE)
+    given = expect_object(value, field, tuple(limits))
+    return Balance(
+        **{key: expect_number(given[key], join(field, key), *limits[key], "m") for key in given}
+    )
+
+
 def parse_condition(value: Any, field: str = "") -> SceneCondition:
     """A condition from its JSON object; raises `InputError` with the field."""
-    given = expect_object(value, field, ("objects", "requirements", "table"), ("objects",))
+    keys = ("objects", "requirements", "table", "balance")
+    given = expect_object(value, field, keys, ("objects",))
     objects = _objects(given["objects"], join(field, "objects"))
     place = join(field, "requirements")
     requirements: dict[str, Affordance] = {}
@@ -84,23 +92,15 @@ def parse_condition(value: Any, field: str = "") -> SceneCondition:
             expect_number(table[key], join(place, key), MIN_TABLE, MAX_TABLE, "m")
             for key in ("width", "depth")
         )
-    return SceneCondition(objects, requirements, width, depth, given)
+    balance = None
+    if "balance" in given:
+        balance = _balance(given["balance"], join(field, "balance"))
+    return SceneCondition(objects, requirements, width, depth, balance, given)
 
 
 def read_conditions(path: Path) -> list[SceneCondition]:
     """All conditions of a file, or `InputError` for the first that is wrong."""
     return read_lines(path, parse_condition, "tabletop condition")
-
-
-def _certificate(value: Any, field: str) -> Certificate:
-    keys = ("satisfied", "min_margin", "violation", "draws", "reason")
-    given = expect_object(value, field, keys, keys)
-    expect_flag(given["satisfied"], join(field, "satisfied"))
-    expect_integer(given["draws"], join(field, "draws"), 1, MAX_DRAWS)
-    expect_reason(given["reason"], join(field, "reason"))
-    for key in ("min_margin", "violation"):
-        expect_number(given[key], join(field, key), -1e12, 1e12, "")
-    return Certificate(**given)
 
 
 def parse_scene(value: Any) -> Scene:
@@ -124,7 +124,7 @@ def parse_scene(value: Any) -> Scene:
             ]
         )
     seed = expect_integer(given["seed"], "seed", 0, MAX_SEED)
-    certificate = _certificate(given["certificate"], "certificate")
+    certificate = parse_certificate(given["certificate"], "certificate")
     return Scene(condition, np.array(poses), certificate, seed)
 
 

@@ -1,7 +1,7 @@
 """Certified scenes from a nominal field: batches, verdicts and redraws."""
 
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import equinox as eqx
@@ -10,54 +10,24 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from deggflow.certificate import Certificate
+from deggflow.certificate import Certificate, GenerationRecord, record
 from deggflow.flow import Field
-from deggflow.generation import DEFAULT_STEPS, generate, refined_grid
-from deggflow.guidance import (
-    AbstractAllocation,
-    AbstractGuidance,
-    DecoupledGuidance,
-    Local,
-    NoGuidance,
-    Own,
-    Pooled,
-    PrivateRequirement,
-)
+from deggflow.generation import DEFAULT_STEPS, generate, generate_batch, refined_grid
+from deggflow.guidance import AbstractGuidance, DecoupledGuidance, NoGuidance
 from deggflow.redraw import BATCHES, Candidate, draw, padded_batch
 from deggflow.step_guard import StepGuard
+from deggflow.trace import Summary, Trace, summarise
 
 from .codec import decode_exactly
 from .condition import SceneCondition, TabletopCondition, padded_size, take, to_arrays
 from .library import MAX_OBJECTS
-from .margins import HingeViolation, dependence
+from .requirements import with_balance
 from .scene import Scene
-from .verdict import BUFFER, Poses, judge
+from .verdict import Poses, judge
 
 MAX_DRAWS = 8
+GUARD = StepGuard()
 MAX_COORDINATE = 1e4  # m and rad; what lies beyond has diverged, and scene files do not hold it
-
-
-OWN, POOLED = Own(), Pooled()
-LOCAL = Local(partial(dependence, buffer=BUFFER))
-
-
-def tabletop_guidance(
-    allocation: AbstractAllocation = POOLED, *, reanchored: bool = True
-) -> DecoupledGuidance:
-    """Guidance for the tabletop's private requirements, with the paper's constants.
-
-    Args:
-        allocation: `OWN` (the paper's), `POOLED` or `LOCAL`.
-        reanchored: Take c afresh from the present violation instead of V(0).
-    """
-    requirement = PrivateRequirement(
-        violation=HingeViolation(BUFFER),
-        allocation=allocation,
-        reanchored=reanchored,
-        floor=BUFFER**2 / 2,
-        name="affordance",
-    )
-    return DecoupledGuidance((requirement,))
 
 
 class Batch(NamedTuple):
@@ -65,9 +35,15 @@ class Batch(NamedTuple):
 
     z: Float[np.ndarray, "scenes agents 3"]
     poses: list[Float[np.ndarray, "objects 3"]]  # x, y in m, theta in rad
-    infeasible: Int[
-        np.ndarray, "scenes agents"
-    ]  # steps at which an object had no input to meet its row
+    records: list[GenerationRecord | None]  # of the guidance; None where there was none
+
+
+class _Drawn(NamedTuple):
+    """What the compiled program hands out."""
+
+    z: Float[Array, "scenes agents 3"]
+    summary: Summary  # each leaf with a leading axis of scenes
+    trace: Trace | None
 
 
 @eqx.filter_jit
@@ -78,15 +54,11 @@ def _program(
     condition: TabletopCondition,
     grid: Float[Array, " points"],
     guard: StepGuard | None,
-) -> tuple[Float[Array, "scenes agents 3"], Int[Array, "scenes agents"]]:
-    def one(
-        z0: Float[Array, "agents 3"], scene: TabletopCondition
-    ) -> tuple[Float[Array, "agents 3"], Int[Array, " agents"]]:
-        out = generate(field, guidance, z0, scene, grid=grid, guard=guard)
-        stuck = jnp.sum(out.trace.infeasible & scene.mask[None], axis=0)
-        return out.z, stuck
-
-    return jax.vmap(one)(noise, condition)
+    keep_trace: bool,
+) -> _Drawn:
+    out = generate_batch(field, guidance, noise, condition, grid=grid, guard=guard)
+    summary = jax.vmap(summarise)(out.trace, out.work, condition.mask)
+    return _Drawn(out.z, summary, out.trace if keep_trace else None)
 
 
 @jax.jit
@@ -123,6 +95,10 @@ def _path_program(
     return generate(field, guidance, z0, condition, grid=grid, guard=guard, keep_path=True).path
 
 
+def _nobody(number: int, scene: Scene) -> None:
+    """Watches no draw."""
+
+
 class TabletopGenerator:
     """Generates scenes with one field and one guidance; compiled programs are kept between calls."""
 
@@ -133,46 +109,69 @@ class TabletopGenerator:
         *,
         steps: int = DEFAULT_STEPS,
         power: float = 2.0,
-        guard: StepGuard | None = None,
+        guard: StepGuard | None = GUARD,
     ) -> None:
-        """Args: field: nominal field; guidance: `NoGuidance()` if None; steps, power: of `refined_grid`; guard: of guided steps; fixed steps if None."""
+        """Args: field: nominal field; guidance: `NoGuidance()` if None; steps, power: of `refined_grid`; guard: of guided steps; None: fixed steps."""
         self.field, self.grid = field, refined_grid(steps, power)
         self.guidance = NoGuidance() if guidance is None else guidance
         self.guard = None if guidance is None else guard
 
+    def guidance_for(self, condition: SceneCondition) -> AbstractGuidance:
+        """The guidance, with the shared requirement on the centre of mass if the condition asks for it."""
+        if isinstance(self.guidance, DecoupledGuidance) and condition.balance is not None:
+            return with_balance(self.guidance)
+        return self.guidance
+
     def batch(
-        self, noise: Float[np.ndarray, "scenes agents 3"], conditions: Sequence[SceneCondition]
+        self,
+        noise: Float[np.ndarray, "scenes agents 3"],
+        conditions: Sequence[SceneCondition],
+        *,
+        keep_trace: bool = False,
     ) -> Batch:
-        """One draw of each condition from given z(0)."""
+        """One draw of each condition from given z(0); with `keep_trace` the records have the whole trace."""
         agents = padded_size(max(len(c.objects) for c in conditions))
         arrays = to_arrays(conditions, agents)
-        parts = [slice(k, k + BATCHES[-1]) for k in range(0, len(conditions), BATCHES[-1])]
-        drawn = [self._padded(noise[part, :agents], take(arrays, part)) for part in parts]
-        z = np.concatenate([state for state, _ in drawn])
+        z = np.zeros((len(conditions), agents, 3), np.float32)
+        records: list[GenerationRecord | None] = [None] * len(conditions)
+        for part in _alike(conditions):
+            guidance = self.guidance_for(conditions[part[0]])
+            drawn = self.draw(noise[part, :agents], take(arrays, part), guidance, keep_trace)
+            z[part] = drawn.z
+            for k, number in enumerate(part):
+                summary, trace = jax.tree.map(lambda leaf, k=k: leaf[k], drawn[1:])
+                records[number] = _record(guidance, summary, trace, conditions[number].objects)
         poses = [decode_exactly(state, c) for state, c in zip(z, conditions, strict=True)]
-        return Batch(z, poses, np.concatenate([stuck for _, stuck in drawn]))
+        return Batch(z, poses, records)
 
-    def _padded(
-        self, noise: Float[np.ndarray, "scenes agents 3"], arrays: TabletopCondition
-    ) -> tuple[Float[np.ndarray, "scenes agents 3"], Int[np.ndarray, "scenes agents"]]:
+    def draw(
+        self,
+        noise: Float[np.ndarray, "scenes agents 3"],
+        arrays: TabletopCondition,
+        guidance: AbstractGuidance | None = None,
+        keep_trace: bool = False,
+    ) -> _Drawn:
+        """The compiled program alone, in float32, as numpy arrays; nothing decoded or judged."""
         count = len(noise)
         index = np.resize(np.arange(count), padded_batch(count))
-        z, stuck = _program(
+        drawn = _program(
             self.field,
-            self.guidance,
+            self.guidance if guidance is None else guidance,
             jnp.asarray(noise[index]),
             take(arrays, index),
             self.grid,
             self.guard,
+            keep_trace,
         )
-        return np.asarray(z)[:count], np.asarray(stuck)[:count]
+        return jax.tree.map(lambda leaf: np.asarray(leaf)[:count], drawn)
 
     def path(self, z0: Float[np.ndarray, "agents 3"], condition: SceneCondition) -> list[Poses]:
         """Poses of one scene at every grid point, from a given z(0)."""
         arrays = to_arrays([condition])
         size, scene = arrays.mask.shape[1], take(arrays, 0)
+        guidance = self.guidance_for(condition)
         z = _path_program(
-            self.field, self.guidance, jnp.asarray(z0[:size]), scene, self.grid, self.guard
+            self.field, guidance, jnp.asarray(z0[:size]), scene, self.grid, self.guard
         )
         return [decode_exactly(state, condition) for state in np.asarray(z)]
 
@@ -183,6 +182,8 @@ class TabletopGenerator:
         seed: int = 0,
         first: int = 0,
         max_draws: int = MAX_DRAWS,
+        keep_trace: bool = False,
+        on_draw: Callable[[int, Scene], None] = _nobody,
     ) -> list[Scene]:
         """Scenes with certificates; a draw that fails is made again from a new z(0).
 
@@ -191,18 +192,41 @@ class TabletopGenerator:
             seed: With a scene's number and the number of the draw, decides z(0).
             first: Number of the first condition in the run.
             max_draws: Limit per scene; where none is satisfied the closest is returned.
+            keep_trace: Certificates have the whole trace of V against its bound.
+            on_draw: Told of every draw, refused ones too: the scene's number in the run, and the scene as drawn.
         """
 
         def attempt(index: Sequence[int], number: int) -> list[Candidate[Poses]]:
             wanted = [conditions[k] for k in index]
-            batch = self.batch(initial_noise(seed, np.add(index, first), number), wanted)
-            return _judged(batch, wanted)
+            numbers = np.add(index, first)
+            batch = self.batch(initial_noise(seed, numbers, number), wanted, keep_trace=keep_trace)
+            found = _judged(batch, wanted)
+            for one, condition, candidate in zip(numbers, wanted, found, strict=True):
+                certificate = replace(candidate.certificate, draws=number + 1)
+                on_draw(int(one), Scene(condition, candidate.sample, certificate, seed))
+            return found
 
         drawn = draw(attempt, len(conditions), max_draws)
         return [
             Scene(condition, candidate.sample, candidate.certificate, seed)
             for condition, candidate in zip(conditions, drawn, strict=True)
         ]
+
+
+def _alike(conditions: Sequence[SceneCondition]) -> list[Int[np.ndarray, " part"]]:
+    """Parts of a batch that one compiled program takes: those with a shared requirement apart from those without."""
+    balanced = np.array([condition.balance is not None for condition in conditions])
+    groups = np.flatnonzero(~balanced), np.flatnonzero(balanced)
+    size = BATCHES[-1]
+    return [group[k : k + size] for group in groups for k in range(0, len(group), size)]
+
+
+def _record(
+    guidance: AbstractGuidance, summary: Summary, trace: Trace | None, objects: Sequence[str]
+) -> GenerationRecord | None:
+    if not isinstance(guidance, DecoupledGuidance):
+        return None
+    return record(summary, guidance.names, objects, trace)
 
 
 def _judged(batch: Batch, conditions: Sequence[SceneCondition]) -> list[Candidate[Poses]]:
@@ -214,21 +238,14 @@ def _judged(batch: Batch, conditions: Sequence[SceneCondition]) -> list[Candidat
     ]
     out = []
     for k, verdict in enumerate(judge(conditions, poses)):
+        made = batch.records[k]
         reason = verdict.reason(conditions[k].objects)
-        if reason is not None:
-            reason += _stuck(batch.infeasible[k], conditions[k].objects)
+        if reason is not None and made is not None and made.broken is not None:
+            reason += f"; on the way {made.broken}"
         if not finite[k]:
             reason = "the generation diverged to numbers that are not finite"
         certificate = Certificate(
-            verdict.satisfied and finite[k], verdict.min_margin, verdict.violation, 1, reason
+            verdict.satisfied and finite[k], verdict.min_margin, verdict.violation, 1, reason, made
         )
         out.append(Candidate(poses[k], certificate))
     return out
-
-
-def _stuck(infeasible: Int[np.ndarray, " agents"], objects: Sequence[str]) -> str:
-    """Who could not meet its row, for the reason of a failed draw."""
-    steps, agent = infeasible.max(), int(infeasible.argmax())
-    if not steps:
-        return ""
-    return f"; at {steps} steps no input of {objects[agent]} met its row (ell ~ 0, b > 0)"

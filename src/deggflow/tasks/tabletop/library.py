@@ -1,7 +1,7 @@
 """The twelve objects of the tabletop task and their affordance regions.
 
 Source: paper, Table "Object geometry and default affordance regions for Task 2". Lengths in m, angles
-in rad, coordinates in the object's body frame.
+in rad, coordinates in the object's body frame. Masses are ours: what such things weigh, filled or in use.
 """
 
 import math
@@ -39,6 +39,7 @@ class ObjectType:
     primitives: tuple[Primitive, ...]
     regions: tuple[Region, ...]
     directions: tuple[float, ...]  # rad, alternatives to the default direction 0
+    mass: float  # kg, in the object's origin
 
 
 def _disk(radius: float, x: float = 0.0, y: float = 0.0) -> Primitive:
@@ -59,29 +60,39 @@ LIBRARY: tuple[ObjectType, ...] = (
         (Primitive(0.156, 0.090, 0.012),),
         _row((-0.1, 0.0, 0.1), -0.205, 0.108),
         _TILT,
+        1.2,
     ),
-    ObjectType("teacup", (_disk(0.046), _disk(0.019, 0.061)), (Region(0.125, 0.0, 0.055),), _ALL),
-    ObjectType("desk_lamp", (_disk(0.06),), (Region(0.0, -0.147, 0.079),), _QUARTER),
-    ObjectType("laptop", (Primitive(0.085, 0.065, 0.006),), (Region(0.155, 0.0, 0.07),), _ALL),
-    ObjectType("potted_plant", (_disk(0.078),), (Region(0.0, -0.123, 0.062),), _ALL),
-    ObjectType("handled_mug", (_disk(0.067),), (Region(0.0, -0.141, 0.054),), _QUARTER),
+    ObjectType(
+        "teacup", (_disk(0.046), _disk(0.019, 0.061)), (Region(0.125, 0.0, 0.055),), _ALL, 0.35
+    ),
+    ObjectType("desk_lamp", (_disk(0.06),), (Region(0.0, -0.147, 0.079),), _QUARTER, 1.6),
+    ObjectType("laptop", (Primitive(0.085, 0.065, 0.006),), (Region(0.155, 0.0, 0.07),), _ALL, 1.4),
+    ObjectType("potted_plant", (_disk(0.078),), (Region(0.0, -0.123, 0.062),), _ALL, 2.2),
+    ObjectType("handled_mug", (_disk(0.067),), (Region(0.0, -0.141, 0.054),), _QUARTER, 0.45),
     ObjectType(
         "drawing_board",
         (Primitive(0.135, 0.048, 0.008),),
         _row((-0.065, 0.065), -0.108, 0.05),
         _TILT,
-    ),
-    ObjectType("scissors", (Primitive(0.039, 0.026, 0.016),), (Region(0.083, 0.0, 0.043),), _ALL),
-    ObjectType(
-        "compact_printer", (Primitive(0.099, 0.07, 0.009),), (Region(0.0, -0.133, 0.057),), _ALL
+        0.8,
     ),
     ObjectType(
-        "pencil_case", (Primitive(0.037, 0.072, 0.007),), (Region(0.087, 0.0, 0.046),), _ALL
+        "scissors", (Primitive(0.039, 0.026, 0.016),), (Region(0.083, 0.0, 0.043),), _ALL, 0.1
     ),
     ObjectType(
-        "tissue_box", (Primitive(0.049, 0.04, 0.009),), (Region(0.0, -0.103, 0.047),), _QUARTER
+        "compact_printer",
+        (Primitive(0.099, 0.07, 0.009),),
+        (Region(0.0, -0.133, 0.057),),
+        _ALL,
+        2.8,
     ),
-    ObjectType("pen_cup", (_disk(0.034),), (Region(0.083, 0.0, 0.039),), _ALL),
+    ObjectType(
+        "pencil_case", (Primitive(0.037, 0.072, 0.007),), (Region(0.087, 0.0, 0.046),), _ALL, 0.25
+    ),
+    ObjectType(
+        "tissue_box", (Primitive(0.049, 0.04, 0.009),), (Region(0.0, -0.103, 0.047),), _QUARTER, 0.3
+    ),
+    ObjectType("pen_cup", (_disk(0.034),), (Region(0.083, 0.0, 0.039),), _ALL, 0.3),
 )
 
 NAMES: tuple[str, ...] = tuple(kind.name for kind in LIBRARY)

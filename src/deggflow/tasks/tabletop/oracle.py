@@ -76,6 +76,15 @@ def least_margin(condition: SceneCondition, poses: Float[np.ndarray, "agents 3"]
         cores = np.array([[a[0], b[0]] for a, b in pairs], object)
         radii = np.array([a[1] + b[1] for a, b in pairs])
         margin = min(margin, float(np.min(shapely.distance(cores[:, 0], cores[:, 1]) - radii)))
+    if condition.balance is not None:
+        masses = [BY_NAME[name].mass for name in condition.objects]
+        total = math.fsum(masses)
+        x, y = (
+            math.fsum(m * float(p[k]) for m, p in zip(masses, poses, strict=True)) / total
+            for k in range(2)
+        )
+        away = math.dist((x, y), (condition.balance.x, condition.balance.y))
+        margin = min(margin, condition.balance.radius - away)
     return margin
 
 

@@ -30,6 +30,7 @@ class Kind(Enum):
     UNOBSTRUCTED = "unobstructed"
     OBJECT_ON_TABLE = "object on table"
     REGION_ON_TABLE = "region on table"
+    BALANCE = "balance"
 
 
 _KINDS = tuple(Kind)
@@ -39,7 +40,7 @@ class Breach(NamedTuple):
     """One requirement that does not hold. `owner` and `other` index the condition's objects."""
 
     kind: Kind
-    owner: int
+    owner: int  # -1 where all objects together are to blame
     region: (
         int  # affordance region of the owner; -1 where the requirement is about the object itself
     )
@@ -80,6 +81,8 @@ def _describe(breach: Breach, objects: Sequence[str]) -> str:
             return f"{owner} reaches {depth} over the table's edge"
         case Kind.REGION_ON_TABLE:
             return f"affordance region {breach.region + 1} of {owner} reaches {depth} over the table's edge"
+        case Kind.BALANCE:
+            return f"the centre of mass lies {depth} outside its circle"
 
 
 class _Shapes(NamedTuple):
@@ -215,15 +218,34 @@ def _measure(conditions: Sequence[SceneCondition], poses: Sequence[Poses]) -> _M
     half = np.array([[c.width, c.depth] for c in conditions])[shapes.scene] / 2
     inside = half - np.abs(shapes.corners).max(axis=1) - shapes.radius[:, None]
     walls = len(shapes.radius)
+    room, balanced = _balance(conditions, poses)
+    nobody = np.full(len(room), -1)
     return _Measured(
-        np.concatenate([distance, inside[:, 0], inside[:, 1]]),
-        np.concatenate([np.where(of_region, 1, 0), *[np.where(shapes.region < 0, 2, 3)] * 2]),
-        np.concatenate([shapes.scene[first], shapes.scene, shapes.scene]),
-        np.concatenate([shapes.owner[first], shapes.owner, shapes.owner]),
-        np.concatenate([shapes.region[first], shapes.region, shapes.region]),
-        np.concatenate([shapes.owner[second], np.full(2 * walls, -1)]),
-        np.concatenate([~of_region, np.zeros(2 * walls, bool)]),
+        np.concatenate([distance, inside[:, 0], inside[:, 1], room]),
+        np.concatenate(
+            [np.where(of_region, 1, 0), *[np.where(shapes.region < 0, 2, 3)] * 2, nobody + 5]
+        ),
+        np.concatenate([shapes.scene[first], shapes.scene, shapes.scene, balanced]),
+        np.concatenate([shapes.owner[first], shapes.owner, shapes.owner, nobody]),
+        np.concatenate([shapes.region[first], shapes.region, shapes.region, nobody]),
+        np.concatenate([shapes.owner[second], np.full(2 * walls, -1), nobody]),
+        np.concatenate([~of_region, np.zeros(2 * walls + len(room), bool)]),
     )
+
+
+def _balance(
+    conditions: Sequence[SceneCondition], poses: Sequence[Poses]
+) -> tuple[Float[np.ndarray, " balanced"], Int[np.ndarray, " balanced"]]:
+    """How far inside its circle the centre of mass lies (m), and in which scenes that is asked for."""
+    room, scene = [], []
+    for s, (condition, pose) in enumerate(zip(conditions, poses, strict=True)):
+        if condition.balance is not None:
+            mass = np.array([BY_NAME[name].mass for name in condition.objects])
+            centre = mass @ np.asarray(pose, np.float64)[:, :2] / mass.sum()
+            away = centre - [condition.balance.x, condition.balance.y]
+            room.append(condition.balance.radius - float(np.hypot(*away)))
+            scene.append(s)
+    return np.array(room, np.float64), np.array(scene, np.int64)
 
 
 def _verdicts(conditions: Sequence[SceneCondition], poses: Sequence[Poses]) -> list[Verdict]:
@@ -231,7 +253,8 @@ def _verdicts(conditions: Sequence[SceneCondition], poses: Sequence[Poses]) -> l
     least = np.full(count, np.inf)
     with np.errstate(invalid="ignore"):  # a margin that is not a number is told as a breach
         np.minimum.at(least, rows.scene, rows.margin)
-    hinge = np.maximum(BUFFER - rows.margin, 0.0) ** 2 / 2 * np.where(rows.shared, 2.0, 1.0)
+    private = rows.kind != _KINDS.index(Kind.BALANCE)  # V is of private requirements
+    hinge = np.maximum(BUFFER - rows.margin, 0.0) ** 2 / 2 * np.where(rows.shared, 2.0, private)
     violation = np.bincount(rows.scene, hinge, minlength=count)
     breaches: list[list[Breach]] = [[] for _ in conditions]
     # `not >=` so that a margin that is not a number counts as a breach.

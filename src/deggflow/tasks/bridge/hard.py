@@ -1,0 +1,134 @@
+"""Policies from hard states: next to a wall or to the gap, on the move, before the bridge is built."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from deggflow.statistics import Rate
+
+from .condition import TrialCondition
+from .factors import PLANK_BUFFER, ROBOT_BUFFER
+from .field import BridgeField
+from .generator import BridgeGenerator, Start
+from .oracle import TOLERANCE, judge, replay
+from .requirements import bridge_guidance
+from .scenes import random_condition
+from .verdict import bridges, margins
+from .world import (
+    ANGULAR_SPEED,
+    DT,
+    GAP_RIGHT,
+    HORIZON,
+    LINEAR_SPEED,
+    PLANK_LENGTH,
+    X_MIN,
+    Y_MAX,
+    Y_MIN,
+)
+
+ROOM = 0.1  # m, either way of the buffers of the factors, within which hard states lie
+SWAY = np.radians(35.0)  # rad, either way
+TRIES = 4096
+AT_REST = 0.25  # share of states in which the plank stands still
+
+
+def hard_start(robots: int, rng: np.random.Generator) -> Start:
+    """A state within `ROOM` of the factors' buffers, moving at up to the expert's speed limits, any way."""
+    condition = random_condition(robots, rng)
+    low = [X_MIN, Y_MIN, -SWAY]
+    high = [GAP_RIGHT - PLANK_LENGTH / 4, Y_MAX, SWAY]
+    poses = rng.uniform(low, high, (TRIES, 3))
+    found = margins(poses, condition.contacts)
+    robot = np.minimum(found.wall.min(-1), found.gap.min(-1)) - ROBOT_BUFFER
+    room = np.minimum(np.minimum(found.plank - PLANK_BUFFER, found.support), robot)
+    near = np.flatnonzero((np.abs(room) <= ROOM) & (found.support >= 0) & ~bridges(poses))
+    if not len(near):
+        return hard_start(robots, rng)
+    x, y, theta = poses[near[0]].tolist()
+    direction = rng.uniform(-np.pi, np.pi)
+    speed = LINEAR_SPEED * rng.uniform()
+    twist = np.array([speed * np.cos(direction), speed * np.sin(direction), 0.0])
+    twist[2] = rng.uniform(-ANGULAR_SPEED, ANGULAR_SPEED)
+    twist = twist * (rng.uniform() >= AT_REST)
+    # The previous policy was about to slow down over its horizon.
+    previous = np.linspace(1.0, 0.0, HORIZON)[:, None] * twist
+    return Start(replace(condition, plank=(x, y, theta)), twist, previous)
+
+
+def hard_starts(robots: int, count: int, seed: int) -> list[Start]:
+    """States of a seed; each depends on its own number alone."""
+    return [
+        hard_start(robots, np.random.default_rng([seed, robots, number, 7]))
+        for number in range(count)
+    ]
+
+
+@dataclass(frozen=True)
+class HardPolicies:
+    """One policy from each of `states` hard states."""
+
+    size: int
+    states: int
+    met_at_once: int  # first draws with both factors below their bounds, in float64
+    accepted: int  # within the limit of draws, and nothing broken on the way
+    missed: int  # accepted although a factor ends above its bound
+    refuted: int  # accepted although Shapely finds something broken on the way
+    held: int  # accepted, and the conditions held all along its generation
+    forced: int  # accepted, with steps taken above a limit
+    blocked: Mapping[str, int]  # what is said where no draw was accepted, numbers left out
+    excess: float  # largest by which a refused policy misses a bound
+
+    def to_json(self) -> dict[str, Any]:
+        """As it stands in a file."""
+        return asdict(self)
+
+    def rate(self, count: int) -> Rate:
+        """A count as a share of the states."""
+        return Rate(count, self.states)
+
+
+def evaluate_hard(
+    field: BridgeField, size: int, states: int, seed: int, max_draws: int
+) -> HardPolicies:
+    """Guided policies from hard states; each accepted one is replayed by the oracle."""
+    starts = hard_starts(size, states, seed)
+    generator = BridgeGenerator(field, bridge_guidance(field.scales))
+    found = generator.single(starts, seed=seed, max_draws=max_draws)
+    accepted = [each for each in found if each.record.accepted]
+    refused = [each for each in found if not each.record.accepted]
+    records = [each.record.generation for each in accepted]
+    return HardPolicies(
+        size,
+        states,
+        met_at_once=sum(each.first_met for each in found),
+        accepted=len(accepted),
+        missed=sum(not each.record.met for each in accepted),
+        refuted=sum(_broken(each.condition, each.twists) for each in accepted),
+        held=sum(made is not None and made.held for made in records),
+        forced=sum(made is not None and made.forced > 0 for made in records),
+        blocked=dict(Counter(_kind(each.reason or "") for each in refused)),
+        excess=max((each.record.excess for each in refused), default=0.0),
+    )
+
+
+def _broken(condition: TrialCondition, twists: Float[np.ndarray, "actions 3"]) -> bool:
+    value = {"condition": condition.to_json(), "dt": DT, "twists": twists.tolist()}
+    return not judge(value, replay(value)).least.min() >= -TOLERANCE
+
+
+def _kind(reason: str) -> str:
+    """Which factors are missed, without the numbers."""
+    names = [name for name in ("q_task", "q_safe", "on the way") if name in reason]
+    return " and ".join(names) or "diverged"
+
+
+def blocked_texts(rows: Sequence[HardPolicies]) -> list[str]:
+    """What is said of states without an accepted policy, and how often."""
+    total: Counter[str] = Counter()
+    for row in rows:
+        total.update(row.blocked)
+    return [f"{kind}: {count}" for kind, count in total.most_common()]

@@ -1,0 +1,72 @@
+"""The tabletop's guidance: private affordance requirements, and a shared one on the centre of mass."""
+
+from functools import partial
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from deggflow.guidance import (
+    AbstractAllocation,
+    DecoupledGuidance,
+    Local,
+    Own,
+    Pooled,
+    PrivateRequirement,
+    Recovering,
+    SharedFactor,
+    SharedRequirements,
+    TighteningBound,
+)
+
+from .codec import decode
+from .condition import TabletopCondition
+from .margins import HingeViolation, dependence
+from .verdict import BUFFER
+
+OWN, POOLED = Own(), Pooled()
+LOCAL = Local(partial(dependence, buffer=BUFFER))
+INSIDE = 0.98  # of the circle's radius is what guidance aims at: the rest pays for rounding
+RECOVERY = 40.0  # gain of alpha above the bound
+
+
+def tabletop_guidance(
+    allocation: AbstractAllocation = POOLED, *, reanchored: bool = True
+) -> DecoupledGuidance:
+    """Guidance for the tabletop's private requirements, with the paper's constants.
+
+    Args:
+        allocation: `OWN` (the paper's), `POOLED` or `LOCAL`.
+        reanchored: Take c afresh from the present violation instead of V(0).
+    """
+    requirement = PrivateRequirement(
+        violation=HingeViolation(BUFFER),
+        allocation=allocation,
+        reanchored=reanchored,
+        floor=BUFFER**2 / 2,
+        name="affordance",
+    )
+    return DecoupledGuidance((requirement,))
+
+
+def imbalance(
+    tau: Float[Array, ""], z: Float[Array, "agents 3"], condition: TabletopCondition
+) -> Float[Array, ""]:
+    """q: squared distance of the centre of mass from the circle's centre over the squared radius, less one; halved."""
+    pose, mass = decode(z, condition), condition.mass / jnp.sum(condition.mass)
+    x, y = jnp.sum(mass * pose.x), jnp.sum(mass * pose.y)
+    x0, y0, radius = condition.balance
+    return (((x - x0) ** 2 + (y - y0) ** 2) / (INSIDE * radius) ** 2 - 1) / 2
+
+
+BALANCE = SharedRequirements(
+    (
+        SharedFactor(
+            imbalance, TighteningBound(least=0.0), alpha=Recovering(RECOVERY), name="balance"
+        ),
+    )
+)
+
+
+def with_balance(guidance: DecoupledGuidance) -> DecoupledGuidance:
+    """The same guidance and the shared requirement on the centre of mass, in one generation."""
+    return DecoupledGuidance((*guidance.requirements, BALANCE))
