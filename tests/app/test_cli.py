@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from deggflow.app import pictures
 from deggflow.tasks.tabletop.formats import read_scenes
 from deggflow.tasks.tabletop.oracle import refutes
+from deggflow.view.video import write_video
 
 
 def conditions(path, *rows):
@@ -202,6 +204,8 @@ def totals(satisfied, many, wrong):
 OVERLAP = "laptop and pen_cup overlap by 0.0190 m"
 INTO = {"x": -0.2}  # the cup: 0.079 - 0.1 + 0.006 + 0.034 m into the laptop
 HONEST = scene(False, -0.019, OVERLAP, pen_cup=INTO)
+HONEST["certificate"]["violation"] = (0.02 + 0.019) ** 2  # half of it for either object
+PROUD = scene(margin=0.5)
 
 
 def test_good_scenes_are_certified_anew(inside, tmp_path):
@@ -220,6 +224,7 @@ TAMPERED = {
     "a pose moved": (scene(pen_cup=INTO), f"does NOT hold: {OVERLAP}", totals(0, 1, 1)),
     "a flag flipped": (scene(False), "now it holds", totals(1, 1, 1)),
     "a bad one called good": (scene(pen_cup={"x": 0.7}), "over the table's edge", totals(0, 1, 1)),
+    "a margin made larger": (PROUD, "the certificate is not true", totals(1, 1, 1)),
     "a bad one called bad": (HONEST, f"does NOT hold: {OVERLAP}", totals(0, 1, 0)),
 }
 
@@ -238,6 +243,13 @@ def test_what_does_not_hold_is_not_certified(inside, tmp_path, what):
     assert both.returncode == 3
     assert "line 1: now it holds" in both.stdout
     assert inside("tabletop", "certify", path, "--lines", 1).returncode == 0
+
+
+def test_text_of_a_file_does_not_move_the_cursor(inside, tmp_path):
+    path = conditions(tmp_path / "s.jsonl", scene(False, reason="\x1b[31mred\ud800"))
+    found = inside("tabletop", "certify", path)
+    assert found.returncode == 3
+    assert "NOT satisfied: \\x1b[31mred\\ud800;" in found.stdout
 
 
 def test_what_is_no_scene_is_refused(inside, tmp_path):
@@ -327,9 +339,17 @@ def test_a_killed_generation_loses_no_line_and_ends_the_same(deggflow, inside, t
     assert "begun with guidance" in other.stderr
 
 
-def test_scenes_are_drawn_with_their_nominal_twins_video_and_model(inside, tmp_path):
+def test_scenes_are_drawn_with_their_nominal_twins_video_and_model(inside, tmp_path, monkeypatch):
+    """A video of every point of both generations; here of some of them, for it is the drawing that takes long."""
     import mujoco
 
+    def write_some(path, condition, guided, *, left_poses, taus, **settings):
+        assert len(guided) == len(left_poses) == len(taus) == 101
+        some = slice(0, None, 20)
+        left, right = left_poses[some], guided[some]
+        write_video(path, condition, right, left_poses=left, taus=taus[some], **settings)
+
+    monkeypatch.setattr(pictures, "write_video", write_some)
     assert inside("tabletop", "generate", "--size", 4, "--out", "s.jsonl").returncode == 0
     found = inside("tabletop", "render", "s.jsonl", "--out", "p", "--nominal", "--video", "--mjcf")
     assert found.returncode == 0, found.stderr

@@ -15,6 +15,7 @@ from .runs import (
     digest,
     in_range,
     load,
+    printable,
     shown_training,
     training_config,
     wanted,
@@ -137,6 +138,10 @@ def generate(
     in_range("max-draws", max_draws, 1, 10_000)
     in_range("seed", seed, 0, MAX_SEED)
     _speed(speed_limit)
+    if speed_limit is not None and guidance == "none":
+        raise InputError(
+            "--speed-limit goes with --guidance degg; the nominal field knows no limit"
+        )
     prepare_jax()
     from deggflow.tasks.bridge.formats import read_conditions
     from deggflow.tasks.bridge.scenes import random_conditions
@@ -260,10 +265,11 @@ def certify(
 
     found = read_trials(trials)
     chosen = lines or tuple(range(1, len(found) + 1))
+    for line in chosen:
+        in_range("lines", line, 1, len(found))
     bridged = refuted = 0
     fastest = 0.0
     for line in chosen:
-        in_range("lines", line, 1, len(found))
         trial = found[line - 1]
         wrong = refutation(trial.to_json())
         bridged += trial.success and wrong is None
@@ -271,7 +277,7 @@ def certify(
         fastest = max(fastest, fastest_contact(trial.to_json()))
         if not quiet:
             print(f"line {line}: the replay {'agrees' if wrong is None else f'finds that {wrong}'}")
-            print(f"the certificate says: {trial.certificate.table()}\n")
+            print(f"the certificate says: {printable(trial.certificate.table())}\n")
     output().print(
         f"{bridged} of {len(chosen)} trials bridge the gap; the replay refutes what {refuted} say; "
         f"the fastest contact point moved at {fastest:.3f} m/s."

@@ -42,6 +42,14 @@ def in_range(name: str, value: int, low: int, high: int) -> None:
         raise InputError(f"--{name} must lie in [{low}, {high}]; got {value}")
 
 
+def printable(text: str) -> str:
+    """Text of a file without anything that could move the cursor or can't be printed; lines stay."""
+    return "\n".join(
+        "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
+        for line in text.split("\n")
+    )
+
+
 def digest(path: Path | None) -> str | None:
     """What tells one input file from another."""
     from hashlib import sha256

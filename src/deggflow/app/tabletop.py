@@ -15,6 +15,7 @@ from .runs import (
     digest,
     in_range,
     load,
+    printable,
     shown_training,
     training_config,
     wanted,
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
     from deggflow.tasks.tabletop.condition import SceneCondition
     from deggflow.tasks.tabletop.generator import TabletopGenerator
     from deggflow.tasks.tabletop.scene import Scene
+
+TOLERANCE = 1e-6  # m and m^2 by which a certificate's numbers may be off, as they were rounded
 
 Family = Literal["default", "changed", "opposite", "side", "larger", "combined", "balanced"]
 
@@ -260,18 +263,24 @@ def certify(
 
     found = read_scenes(scenes)
     chosen = lines or tuple(range(1, len(found) + 1))
-    satisfied = wrong = 0
     for line in chosen:
         in_range("lines", line, 1, len(found))
+    satisfied = wrong = 0
+    for line in chosen:
         scene = found[line - 1]
         verdict = scene.verdict()
         holds = verdict.satisfied and not refutes(scene.condition, scene.poses)
         satisfied += holds
-        wrong += holds != scene.certificate.satisfied
+        claim = scene.certificate
+        true = holds == claim.satisfied == (claim.reason is None)
+        true &= abs(claim.min_margin - verdict.min_margin) <= TOLERANCE
+        true &= abs(claim.violation - verdict.violation) <= TOLERANCE
+        wrong += not true
         if not quiet:
             said = "holds" if holds else f"does NOT hold: {verdict.reason(scene.condition.objects)}"
-            print(f"line {line}: now it {said} (least margin {verdict.min_margin:.3g} m)")
-            print(f"the certificate says: {scene.certificate.table()}\n")
+            said += f" (least margin {verdict.min_margin:.3g} m)"
+            print(f"line {line}: now it {said}{'' if true else '; the certificate is not true'}")
+            print(f"the certificate says: {printable(claim.table())}\n")
     output().print(
         f"{satisfied} of {len(chosen)} scenes satisfy every requirement; "
         f"{wrong} certificates say otherwise than exact geometry and Shapely."

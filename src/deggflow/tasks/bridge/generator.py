@@ -170,8 +170,8 @@ class BridgeGenerator:
                 leads there has it, too.
         """
         self.policies = PolicyGenerator(field, guidance, steps=steps, power=power)
-        self.speed_limit = speed_limit
         self.guided = not isinstance(self.policies.guidance, NoGuidance)
+        self.speed_limit = speed_limit if self.guided else None
 
     def trials(
         self,
