@@ -262,6 +262,10 @@ def test_bad_files_exit_with_2_in_one_line_and_touch_nothing(inside, tmp_path, n
             for speed in ("0", "0.0099", "-0.3", "10.1", "inf", "nan")
         ),
         (("generate", "--size", "4", "--speed-limit", "slow"), "slow"),
+        (
+            ("generate", "--size", "4", "--speed-limit", "0.3", "--guidance", "none"),
+            "--speed-limit goes with --guidance degg",
+        ),
     ],
 )
 def test_bad_arguments_exit_with_2(inside, tmp_path, arguments, hint):

@@ -34,7 +34,7 @@ class Evaluation:
     first_draw: int  # guided from the same z(0)
     satisfied: int  # guided, within the limit of draws
     most_draws: int
-    least_margin: float  # m, over the guided scenes that were claimed satisfied
+    least_margin: float | None  # m, over the guided scenes that were claimed satisfied
     refuted: int  # claims that Shapely refutes
     held: int  # first draws along which the conditions of the theorem held
     contradicted: int  # of these, draws that the verdict refuses all the same
@@ -132,7 +132,7 @@ def evaluate(
         first_draw=sum(each.satisfied for each in first),
         satisfied=len(claimed),
         most_draws=max(scene.certificate.draws for scene in guided),
-        least_margin=min((s.certificate.min_margin for s in claimed), default=float("nan")),
+        least_margin=min((s.certificate.min_margin for s in claimed), default=None),
         refuted=sum(refutes(scene.condition, scene.poses) for scene in claimed),
         held=len(held),
         contradicted=sum(not each.satisfied for each in held),
