@@ -16,7 +16,7 @@ from deggflow import (
     hinge_violation,
     refined_grid,
 )
-from deggflow.guidance import LinearSchedule
+from deggflow.guidance import LinearSchedule, PowerSchedule
 
 AGENTS, RHO, KAPPA, BUFFER = 4, 0.75, 1.15, 0.02
 ALLOCATIONS = {
@@ -153,12 +153,19 @@ def test_constants_outside_the_theorem_are_refused(field, value):
         PrivateRequirement(violation=violation, **{field: value})
 
 
-def test_schedule_integral_matches_quadrature():
-    omega = LinearSchedule(0.3, 1.1)
+@pytest.mark.parametrize(
+    "omega", [LinearSchedule(0.3, 1.1), PowerSchedule(0.0), PowerSchedule(6.0)]
+)
+def test_schedule_integral_matches_quadrature(omega):
     for start in (0.0, 0.25, 0.9):
         points = np.linspace(start, 1.0, 2001)
         values = np.array(jax.vmap(omega)(jnp.asarray(points)))
         expected = np.trapezoid(values, points)
         assert float(omega.remaining(jnp.asarray(start))) == pytest.approx(expected, rel=1e-4)
+
+
+def test_schedules_refuse_what_is_negative_or_infinite():
     with pytest.raises(ValueError, match="`start` and `start \\+ slope`"):
         LinearSchedule(0.1, -1.0)
+    with pytest.raises(ValueError, match="`power` must not be negative"):
+        PowerSchedule(-0.5)

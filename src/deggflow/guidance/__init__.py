@@ -7,7 +7,7 @@ from .decoupled import AbstractGuidance, DecoupledGuidance, GuidanceReport, NoGu
 from .private import PrivateRequirement, hinge_violation
 from .qp import MinNormInput, min_norm_input
 from .requirement import AbstractRequirement, Demand, Rows
-from .schedule import AbstractSchedule, LinearSchedule
+from .schedule import AbstractSchedule, LinearSchedule, PowerSchedule
 from .shared import Recovering, SharedFactor, SharedRequirements
 from .sharing import AbstractSharing, AdaptiveShares, EqualShares, FixedShares
 
@@ -31,6 +31,7 @@ __all__ = [
     "NoGuidance",
     "Own",
     "Pooled",
+    "PowerSchedule",
     "PrivateRequirement",
     "Recovering",
     "Rows",

@@ -36,3 +36,25 @@ class LinearSchedule(AbstractSchedule):
 
     def remaining(self, tau: Float[Array, ""]) -> Float[Array, ""]:
         return (1 - tau) * (self.start + self.slope * (1 + tau) / 2)
+
+
+class PowerSchedule(AbstractSchedule):
+    """omega(tau) = (power + 1) tau^power, which integrates to one: the later, the greater the power.
+
+    Little is asked for while z is still noise, which the nominal field brings into order by itself.
+    """
+
+    power: float = 2.0
+
+    def __check_init__(self) -> None:
+        if not self.power >= 0:
+            raise ValueError(
+                "`power` must not be negative, as omega is finite on [0, 1] (paper, eqn:PE_rhs); "
+                f"got {self.power}."
+            )
+
+    def __call__(self, tau: Float[Array, ""]) -> Float[Array, ""]:
+        return (self.power + 1) * tau**self.power
+
+    def remaining(self, tau: Float[Array, ""]) -> Float[Array, ""]:
+        return 1 - tau ** (self.power + 1)

@@ -1,0 +1,45 @@
+"""One central QP over all agents, as single-agent barrier methods would guide a team."""
+
+from typing import Any
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+from .relaxed_qp import relaxed_input
+from .rival import AbstractRival, Constraints, left, linearise
+
+
+class JointBarrier(AbstractRival):
+    """The smallest joint input under one barrier row per constraint: grad h . (f + u) >= -gain (h - buffer) / (1 - tau).
+
+    A row that is met throughout closes its violation in prescribed time: (h - buffer) shrinks as (1 - tau)^gain.
+    One solver must know every agent's state and nominal field.
+
+    Args:
+        constraints: h.
+        gain: The method's knob.
+        buffer: What is aimed at above h = 0.
+        rows: Constraints that the QP looks at, the furthest from holding.
+        slack: Weight of the slack variables, without which contradicting rows would have no input at all.
+
+    Source: flow matching barrier functions of SafeFlow (Dai et al., arXiv:2504.08661), for a team as a single agent.
+    """
+
+    constraints: Constraints
+    gain: float | Float[Array, ""] = 1.0
+    buffer: float = eqx.field(static=True, default=0.0)
+    rows: int = eqx.field(static=True, default=24)
+    slack: float = eqx.field(static=True, default=1e4)
+
+    def correction(
+        self,
+        tau: Float[Array, ""],
+        z: Float[Array, "agents dim"],
+        drift: Float[Array, "agents dim"],
+        condition: Any,
+    ) -> Float[Array, "agents dim"]:
+        """The QP's solution, an input for every agent at once."""
+        here = linearise(self.constraints, z, drift, condition)
+        b = -(here.rate + self.gain / left(tau) * (here.margin - self.buffer))
+        ell = -here.slope.reshape(len(b), -1)
+        return relaxed_input(ell, b, rows=self.rows, slack=self.slack).reshape(z.shape)

@@ -1,0 +1,41 @@
+"""Descent on the violation, with a gain that grows toward tau = 1."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from deggflow.guidance.private import Violation
+
+from .rival import AbstractRival, left
+
+
+class PenaltyGradient(AbstractRival):
+    """u = -gain / (1 - tau) grad V: what most would write first, and the strongest of the simple ways.
+
+    Each agent needs the states of its neighbours. Nothing tells which gain is enough.
+
+    Args:
+        violation: V_i of each agent.
+        gain: The method's knob; V has the square of its margins' unit.
+
+    Source: gradient guidance, e.g. universal guidance (Bansal et al., 2024), guided flow matching (Feng et al., 2025).
+    """
+
+    violation: Violation
+    gain: float | Float[Array, ""] = 20.0
+
+    def correction(
+        self,
+        tau: Float[Array, ""],
+        z: Float[Array, "agents dim"],
+        drift: Float[Array, "agents dim"],
+        condition: Any,
+    ) -> Float[Array, "agents dim"]:
+        """Downhill, as steeply as the time left asks for."""
+
+        def total(z: Float[Array, "agents dim"]) -> Float[Array, ""]:
+            return jnp.sum(self.violation(z, condition))
+
+        return -self.gain / left(tau) * jax.grad(total)(z)

@@ -1,0 +1,201 @@
+"""Success against deviation: every way to guide on the same field, z(0) and requirements."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from deggflow.flow import Field
+from deggflow.generation import generate_batch, refined_grid
+from deggflow.guidance import AbstractGuidance, NoGuidance
+from deggflow.redraw import padded_batch
+from deggflow.rivals import DualFlow, PredictionCorrection
+from deggflow.statistics import Rate
+from deggflow.step_guard import StepGuard
+
+from .changes import random_conditions
+from .codec import decode_exactly
+from .condition import SceneCondition, TabletopCondition, padded_size, take, to_arrays
+from .generator import MAX_COORDINATE, initial_noise
+from .rivals import Knob, Method, Way
+from .verdict import Verdict, judge
+
+CHUNK = 128  # scenes generated at once
+
+
+@dataclass(frozen=True)
+class Point:
+    """One way to guide, one setting, one size: first draws (of rejection sampling: all its draws)."""
+
+    method: str
+    knob: dict[str, float]
+    size: int
+    cases: int
+    satisfied: int
+    diverged: int  # not finite, or far off the table
+    worst: (
+        float  # m, the greatest violation of a margin; 0 if there is none; diverged cases left out
+    )
+    # Over the cases that did not diverge; None if all did:
+    deviation: float | None  # RMS distance to the nominal sample of the same z(0), in z, per object
+    transport: float | None  # W2 to the nominal samples by optimal assignment, in z, per object
+    seconds: float  # per scene, in batches of `CHUNK`, compiled
+    draws: float  # mean number of samples drawn
+
+    def to_json(self) -> dict[str, Any]:
+        """As it stands in a file."""
+        return asdict(self)
+
+    def rate(self) -> Rate:
+        """Success."""
+        return Rate(self.satisfied, self.cases)
+
+
+class Cases(NamedTuple):
+    """What every way is given."""
+
+    conditions: Sequence[SceneCondition]
+    seed: int
+    nominal: Float[np.ndarray, "cases objects 3"]  # in z
+
+    @property
+    def size(self) -> int:
+        """Objects of each scene."""
+        return len(self.conditions[0].objects)
+
+
+class _Samples(NamedTuple):
+    z: Float[np.ndarray, "cases objects 3"]
+    verdicts: list[Verdict]
+    finite: list[bool]
+    seconds: float  # of all samples together
+    draws: int  # samples drawn in all
+
+
+@eqx.filter_jit
+def _program(
+    field: Field,
+    guidance: AbstractGuidance,
+    noise: Float[Array, "scenes agents 3"],
+    condition: TabletopCondition,
+    grid: Float[Array, " points"],
+    guard: StepGuard | None,
+) -> Float[Array, "scenes agents 3"]:
+    match guidance:
+        case DualFlow():
+            wide = guidance.widen(noise)
+            driven = guidance.wrap(field)
+            return guidance.narrow(generate_batch(driven, guidance, wide, condition, grid=grid).z)
+        case PredictionCorrection():
+            return generate_batch(guidance.wrap(field), guidance, noise, condition, grid=grid).z
+    return generate_batch(field, guidance, noise, condition, grid=grid, guard=guard).z
+
+
+def draw_cases(field: Field, size: int, requirements: str, cases: int, seed: int) -> Cases:
+    """Random conditions with the nominal sample of each."""
+    conditions = random_conditions(size, cases, requirements, seed)
+    empty = Cases(conditions, seed, np.zeros((cases, size, 3), np.float32))
+    nominal = _generate(field, Way(NoGuidance()), empty, np.arange(cases), 0)
+    return empty._replace(nominal=nominal.z)
+
+
+def measure(field: Field, method: Method, knob: Knob, cases: Cases) -> Point:
+    """Runs one way on all cases; compiled before the clock starts."""
+    way, count = method.make(knob), len(cases.conditions)
+    _generate(field, way, cases, np.arange(min(CHUNK, count)), 0)
+    drawn = _until_satisfied(field, way, cases)
+    settled = np.array(drawn.finite)
+    margins = [v.min_margin for v, ok in zip(drawn.verdicts, drawn.finite, strict=True) if ok]
+    return Point(
+        method.name,
+        dict(knob),
+        cases.size,
+        count,
+        satisfied=sum(v.satisfied for v in drawn.verdicts),
+        diverged=count - int(settled.sum()),
+        worst=max(0.0, -min(margins, default=0.0)),
+        deviation=_paired(drawn.z[settled], cases.nominal[settled]),
+        transport=_transport(drawn.z[settled], cases.nominal[settled]),
+        seconds=drawn.seconds / count,
+        draws=drawn.draws / count,
+    )
+
+
+def _until_satisfied(field: Field, way: Way, cases: Cases) -> _Samples:
+    """One draw of every case; of those that fail, further ones if the way allows it."""
+    pending = np.arange(len(cases.conditions))
+    first = _generate(field, way, cases, pending, 0)
+    z, verdicts, finite = first.z.copy(), list(first.verdicts), list(first.finite)
+    seconds, draws = first.seconds, first.draws
+    for number in range(1, way.draws):
+        pending = np.array([k for k in pending if not verdicts[k].satisfied], int)
+        if not len(pending):
+            break
+        again = _generate(field, way, cases, pending, number)
+        seconds, draws = seconds + again.seconds, draws + again.draws
+        for k, number_of in enumerate(pending):
+            z[number_of], verdicts[number_of] = again.z[k], again.verdicts[k]
+            finite[number_of] = again.finite[k]
+    return _Samples(z, verdicts, finite, seconds, draws)
+
+
+def _generate(
+    field: Field, way: Way, cases: Cases, numbers: np.ndarray, draw_number: int
+) -> _Samples:
+    conditions = [cases.conditions[k] for k in numbers]
+    agents = padded_size(cases.size)
+    noise = initial_noise(cases.seed, numbers, draw_number)[:, :agents]
+    arrays = to_arrays(conditions, agents)
+    grid = refined_grid() if way.grid is None else way.grid
+    parts, seconds = [], 0.0
+    for start in range(0, len(numbers), CHUNK):
+        count = min(CHUNK, len(numbers) - start)
+        filled = padded_batch(count)
+        index = start + np.resize(np.arange(count), filled)
+        given = jnp.asarray(noise[index]), take(arrays, index)
+        begun = time.perf_counter()
+        found = np.asarray(_program(field, way.guidance, *given, grid, way.guard))
+        seconds += (time.perf_counter() - begun) * count / filled
+        parts.append(found[:count])
+    z = np.concatenate(parts)
+    poses = [decode_exactly(state, c) for state, c in zip(z, conditions, strict=True)]
+    finite = [bool((np.abs(p) <= MAX_COORDINATE).all()) for p in poses]
+    # What diverged has no place on the table, and is judged where nothing fits: beyond its corner.
+    judged = [
+        p if ok else np.full_like(p, [c.width, c.depth, 0.0])
+        for p, c, ok in zip(poses, conditions, finite, strict=True)
+    ]
+    return _Samples(z[:, : cases.size], judge(conditions, judged), finite, seconds, len(numbers))
+
+
+def _paired(
+    z: Float[np.ndarray, "cases objects 3"], nominal: Float[np.ndarray, "cases objects 3"]
+) -> float | None:
+    return float(np.sqrt(np.mean(np.sum((z - nominal) ** 2, axis=-1)))) if len(z) else None
+
+
+def _transport(
+    z: Float[np.ndarray, "cases objects 3"], nominal: Float[np.ndarray, "cases objects 3"]
+) -> float | None:
+    if not len(z):
+        return None
+    from scipy.optimize import linear_sum_assignment
+    from scipy.spatial.distance import cdist
+
+    flat = [each.reshape(len(each), -1).astype(float) for each in (z, nominal)]
+    square = cdist(*flat, "sqeuclidean") / z.shape[1]
+    return float(np.sqrt(square[linear_sum_assignment(square)].mean()))
+
+
+def best(points: Sequence[Point]) -> Point:
+    """The setting that stands for a method: the most successes, then the least W2."""
+    return min(points, key=lambda point: (-point.satisfied, _or_infinite(point.transport)))
+
+
+def _or_infinite(value: float | None) -> float:
+    return float("inf") if value is None else value

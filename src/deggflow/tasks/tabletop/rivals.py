@@ -1,0 +1,197 @@
+"""Ways to guide the tabletop, each with its knob and the grid over which it is swept."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from deggflow.generation import DEFAULT_STEPS
+from deggflow.guidance import (
+    AbstractAllocation,
+    AbstractGuidance,
+    DecoupledGuidance,
+    LinearSchedule,
+    NoGuidance,
+    PowerSchedule,
+    PrivateRequirement,
+)
+from deggflow.rivals import (
+    DualFlow,
+    EndpointProjection,
+    JointBarrier,
+    PenaltyGradient,
+    PredictionCorrection,
+    SplitBarrier,
+)
+from deggflow.step_guard import StepGuard
+
+from .condition import TabletopCondition
+from .margins import HingeViolation, scene_margins
+from .requirements import LOCAL, OWN, POOLED
+from .verdict import BUFFER
+
+TRAINED_AND_UNSEEN = 8  # largest size for which the settings found at N = 8 stand
+COLUMNS = 32  # of multipliers per object; hold all constraints of every padded size
+AHEAD = 0.005  # m above h = 0 that barriers and projections aim at: their rows have no room to rounding otherwise
+
+
+def flat_margins(
+    z: Float[Array, "agents 3"], condition: TabletopCondition
+) -> Float[Array, " constraints"]:
+    """Every margin h of a scene in one list, in m, each pair once."""
+    margins = scene_margins(z, condition)
+    first, second = np.triu_indices(margins.separation.shape[0], 1)
+    parts = (
+        margins.separation[first, second],
+        margins.unobstructed.reshape(-1),
+        margins.object_wall.reshape(-1),
+        margins.region_wall.reshape(-1),
+    )
+    return jnp.concatenate(parts)
+
+
+@dataclass(frozen=True)
+class Way:
+    """One way to guide, at one setting of its knob."""
+
+    guidance: AbstractGuidance
+    guard: StepGuard | None = None
+    grid: Float[Array, " points"] | None = None  # `refined_grid()` if None
+    draws: int = 1  # samples drawn at most, until one satisfies
+
+
+Knob = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Method:
+    """A way to guide with the knob it has: what it knows, where it comes from, which settings are tried."""
+
+    name: str
+    source: str
+    knows: str  # what an agent, or whoever computes its input, must know besides its own state and field
+    make: Callable[[Knob], Way]
+    default: Knob  # of ours: what ships; of rivals: the best of the grid at N = 8
+    crowded: Knob  # likewise at N = 12
+    grid: tuple[Knob, ...]
+    ours: bool = False
+
+    def setting(self, size: int) -> Knob:
+        """The setting that stands for the method in tables."""
+        return self.default if size <= TRAINED_AND_UNSEEN else self.crowded
+
+
+def _number(knob: Knob, name: str) -> Float[Array, ""]:
+    return jnp.asarray(knob[name], jnp.float32)  # not static: one program for all settings
+
+
+def _ours(allocation: AbstractAllocation, *, reanchored: bool) -> Callable[[Knob], Way]:
+    def make(knob: Knob) -> Way:
+        buffer, power = knob["buffer"], knob["power"]
+        requirement = PrivateRequirement(
+            violation=HingeViolation(buffer),
+            allocation=allocation,
+            reanchored=reanchored,
+            omega=LinearSchedule() if power == 1 else PowerSchedule(power),
+            floor=buffer**2 / 2,
+            name="affordance",
+        )
+        return Way(DecoupledGuidance((requirement,)), StepGuard())
+
+    return make
+
+
+def _joint(knob: Knob) -> Way:
+    barrier = JointBarrier(flat_margins, _number(knob, "gain"), AHEAD)
+    return Way(barrier)
+
+
+def _corrected(knob: Knob) -> Way:
+    barrier = JointBarrier(flat_margins, _number(knob, "gain"), AHEAD)
+    way = PredictionCorrection(barrier, _number(knob, "pull"))
+    return Way(way, grid=way.grid(DEFAULT_STEPS))
+
+
+def _dual(knob: Knob) -> Way:
+    numbers = (_number(knob, "gain"), _number(knob, "damping"))
+    return Way(DualFlow(flat_margins, COLUMNS, *numbers, buffer=AHEAD))
+
+
+def _projected(knob: Knob) -> Way:
+    start, iterations = _number(knob, "start"), int(knob["iterations"])
+    return Way(EndpointProjection(flat_margins, iterations, start, AHEAD))
+
+
+def _penalty(knob: Knob) -> Way:
+    return Way(PenaltyGradient(HingeViolation(BUFFER), _number(knob, "gain")))
+
+
+def _split(knob: Knob) -> Way:
+    return Way(SplitBarrier(flat_margins, _number(knob, "gain"), AHEAD))
+
+
+def _rejection(knob: Knob) -> Way:
+    return Way(NoGuidance(), draws=int(knob["draws"]))
+
+
+def _grid(**values: tuple[float, ...]) -> tuple[Knob, ...]:
+    knobs: list[dict[str, float]] = [{}]
+    for name, choices in values.items():
+        knobs = [{**knob, name: value} for knob in knobs for value in choices]
+    return tuple(knobs)
+
+
+_SHIPPED = {"buffer": BUFFER, "power": 1.0}  # the paper's delta, and its omega = 0.1 + 1.8 tau
+_OURS = _grid(buffer=(BUFFER, 0.005), power=(1.0, 8.0))
+_GAINS = _grid(gain=(0.5, 1.0, 2.0, 4.0, 8.0))
+PROPOSED = (
+    Method(
+        "pooled", "this library", "neighbours' states; two sums over the team",
+        _ours(POOLED, reanchored=True), _SHIPPED, _SHIPPED, _OURS, ours=True,
+    ),
+    Method(
+        "local", "this library", "neighbours' states; two sums over neighbours",
+        _ours(LOCAL, reanchored=True), _SHIPPED, _SHIPPED, (_SHIPPED,), ours=True,
+    ),
+    Method(
+        "own", "the paper (PE guidance)", "neighbours' states",
+        _ours(OWN, reanchored=False), _SHIPPED, _SHIPPED, (_SHIPPED,), ours=True,
+    ),
+)  # fmt: skip
+RIVALS = (
+    Method(
+        "joint barrier QP", "SafeFlow, arXiv:2504.08661", "all states and fields, in one solver",
+        _joint, {"gain": 2.0}, {"gain": 2.0}, _GAINS,
+    ),
+    Method(
+        "predict, then correct", "SafeFlowMatcher, arXiv:2509.24243", "all states and fields, in one solver",
+        _corrected, {"gain": 2.0, "pull": 1.0}, {"gain": 2.0, "pull": 1.0},
+        _grid(gain=(1.0, 2.0, 4.0), pull=(0.0, 1.0, 2.0)),
+    ),
+    Method(
+        "dual flow", "Lagrangian dual flows", "neighbours' states and multipliers",
+        _dual, {"gain": 2.0, "damping": 4.0}, {"gain": 2.0, "damping": 4.0},
+        _grid(gain=(0.5, 2.0, 8.0), damping=(0.0, 1.0, 4.0)),
+    ),
+    Method(
+        "endpoint projection", "PCFM, arXiv:2506.04171", "all states and fields, in one solver",
+        _projected, {"start": 0.0, "iterations": 5.0}, {"start": 0.0, "iterations": 5.0},
+        _grid(start=(0.0, 0.5, 0.9, 0.9999), iterations=(5.0, 20.0)),
+    ),
+    Method(
+        "penalty gradient", "universal guidance (Bansal et al. 2024)", "neighbours' states",
+        _penalty, {"gain": 2.0}, {"gain": 2.0},
+        _grid(gain=(0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 60.0)),
+    ),
+    Method(
+        "equal split with slack", "dec_share_cbf of GCBF+, arXiv:2401.14554", "neighbours' states and fields",
+        _split, {"gain": 2.0}, {"gain": 2.0}, _GAINS,
+    ),
+    Method(
+        "rejection sampling", "the nominal model, drawn again", "nothing while generating",
+        _rejection, {"draws": 16.0}, {"draws": 16.0}, _grid(draws=(1.0, 4.0, 16.0)),
+    ),
+)  # fmt: skip
+METHODS = (*PROPOSED, *RIVALS)

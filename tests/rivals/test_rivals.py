@@ -1,0 +1,173 @@
+"""Every rival by what its own paper says of it, on disks that must keep apart."""
+
+from itertools import pairwise
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from deggflow.generation import generate, refined_grid
+from deggflow.guidance import NoGuidance
+from deggflow.rivals import (
+    DualFlow,
+    EndpointProjection,
+    JointBarrier,
+    PenaltyGradient,
+    PredictionCorrection,
+    SplitBarrier,
+)
+
+APART = 1.0
+PAIRS = [(0, 1), (0, 2), (1, 2)]
+
+
+def margins(z, condition):
+    """Distances of three disks less what is wanted, and room to a wall on the right of the first."""
+    gaps = [jnp.sqrt(jnp.sum((z[i] - z[j]) ** 2)) - APART for i, j in PAIRS]
+    return jnp.stack([*gaps, 1.2 - z[0, 0]])
+
+
+def violation(z, condition):
+    return jnp.zeros(3).at[0].set(jnp.sum(jnp.maximum(0.05 - margins(z, condition), 0.0) ** 2) / 2)
+
+
+def field(tau, z, condition):
+    """To three places too close to each other, the first of them behind the wall."""
+    return (jnp.array([[1.5, 0.0], [0.9, 0.3], [-0.2, 0.1]]) - z) / jnp.maximum(1 - tau, 1e-3)
+
+
+JOINT = JointBarrier(margins, 2.0, 0.01)
+RIVALS = {
+    "joint": JOINT,
+    "split": SplitBarrier(margins, 2.0, 0.01),
+    "penalty": PenaltyGradient(violation, 50.0),
+    "projection": EndpointProjection(margins, 10, 0.5, 0.01),
+    "dual": DualFlow(margins, 2, 2.0, 4.0, 0.01),
+    "correction": PredictionCorrection(JOINT, 1.0),
+}
+
+
+def sample(name, z0):
+    rival = RIVALS[name]
+    match rival:
+        case DualFlow():
+            wide = generate(rival.wrap(field), rival, rival.widen(z0), None).z
+            return rival.narrow(wide)
+        case PredictionCorrection():
+            return generate(rival.wrap(field), rival, z0, None, grid=rival.grid(100)).z
+    return generate(field, rival, z0, None).z
+
+
+def state(seed=0):
+    return jax.random.normal(jax.random.key(seed), (3, 2))
+
+
+@pytest.mark.parametrize("name", RIVALS)
+def test_a_rival_brings_about_what_the_field_does_not(name):
+    run = jax.jit(lambda z0: sample(name, z0))
+    for seed in range(4):
+        nominal = generate(field, NoGuidance(), state(seed), None).z
+        assert float(jnp.min(margins(nominal, None))) < -0.2
+        assert float(jnp.min(margins(run(state(seed)), None))) > -2e-3
+
+
+def slopes(z, step=1e-3):
+    """dh/dz by central differences."""
+    flat = np.asarray(z, float).reshape(-1)
+
+    def h(x):
+        return np.asarray(margins(jnp.asarray(x.reshape(z.shape), jnp.float32), None), float)
+
+    moves = step * np.eye(flat.size)
+    found = np.stack([(h(flat + move) - h(flat - move)) / (2 * step) for move in moves], axis=-1)
+    return found.reshape(-1, *z.shape)
+
+
+@pytest.mark.parametrize("name", ["joint", "split"])
+def test_barrier_rows_hold_at_the_input(name):
+    tau, rival = jnp.float32(0.4), RIVALS[name]
+    for seed in range(3):
+        z = state(seed)
+        drift = field(tau, z, None)
+        u = np.asarray(rival.correction(tau, z, drift, None))
+        rate = np.sum(slopes(z) * (np.asarray(drift) + u)[None], axis=(1, 2))
+        least = -2.0 / 0.6 * (np.asarray(margins(z, None)) - 0.01)
+        assert np.all(rate >= least - 2e-2 * (1 + np.abs(least)))
+
+
+def test_a_shared_row_is_split_equally_between_the_two_it_touches():
+    z = jnp.array([[0.0, 0.0], [0.5, 0.0], [0.0, 9.0]])
+    u = RIVALS["split"].correction(jnp.float32(0.0), z, jnp.zeros_like(z), None)
+    # Half a metre short, closed at the rate of 2 (0.5 + 0.01), one half each.
+    assert np.asarray(u) == pytest.approx(
+        np.array([[-0.51, 0.0], [0.51, 0.0], [0.0, 0.0]]), abs=1e-3
+    )
+
+
+def test_the_penalty_runs_down_the_slope_of_the_violation():
+    z, tau = state(3), jnp.float32(0.75)
+    u = np.asarray(RIVALS["penalty"].correction(tau, z, jnp.zeros_like(z), None))
+    short = np.maximum(0.05 - np.asarray(margins(z, None)), 0.0)
+    expected = 50.0 / 0.25 * np.einsum("k,kad->ad", short, slopes(z))
+    assert u == pytest.approx(expected, rel=2e-2, abs=1e-2)
+
+
+def test_the_projection_onto_one_half_space_is_exact_and_nothing_moves_inside():
+    def wall(z, condition):
+        return (0.3 - z[0, 0])[None]
+
+    rival = EndpointProjection(wall, 10)
+    outside = jnp.array([[1.0, 2.0], [3.0, 4.0]])
+    assert np.asarray(rival.project(outside, None)) == pytest.approx(
+        np.array([[0.3, 2.0], [3.0, 4.0]]), abs=1e-5
+    )
+    inside = outside.at[0, 0].set(-1.0)
+    assert np.asarray(rival.project(inside, None)) == pytest.approx(np.asarray(inside))
+
+
+def test_the_projected_endpoint_is_where_the_last_step_ends():
+    rival, z0 = RIVALS["projection"], state(5)
+    out = generate(field, rival, z0, None, keep_path=True)
+    last = out.path[-2]
+    tau = refined_grid()[-2]
+    end = last + (1 - tau) * field(tau, last, None)
+    assert np.asarray(out.z) == pytest.approx(np.asarray(rival.project(end, None)), abs=1e-4)
+
+
+def test_multipliers_stay_out_of_the_sample_and_grow_only_with_violation():
+    rival, z = RIVALS["dual"], jnp.array([[0.0, 0.0], [5.0, 0.0], [0.0, 5.0]])
+    wide = rival.widen(z)
+    assert wide.shape == (3, 4)
+    assert np.array_equal(rival.narrow(wide), z)
+    driven = rival.wrap(field)(jnp.float32(0.5), wide, None)
+    assert np.array_equal(driven[:, 2:], np.zeros((3, 2)))
+    far = rival.correction(jnp.float32(0.5), wide, driven, None)
+    assert np.array_equal(far, np.zeros((3, 4)))
+    near = rival.widen(z.at[1].set(jnp.array([0.4, 0.0])))
+    u = np.asarray(rival.correction(jnp.float32(0.5), near, driven, None))
+    assert u[:, 2:].reshape(-1)[:3] == pytest.approx([2 / 0.5 * 0.61, 0, 0], rel=1e-4)
+    assert u[:2, :2] == pytest.approx(np.array([[-1, 0], [1, 0]]) * 4 / 0.5 * 0.61, rel=1e-4)
+
+
+def test_prediction_is_the_nominal_generation_and_the_grid_covers_both_phases():
+    rival, z0 = RIVALS["correction"], state(1)
+    grid = rival.grid(100)
+    assert grid.shape == (101,)
+    assert float(grid[0]) == 0.0
+    assert float(grid[-1]) == 1.0
+    assert all(b > a for a, b in pairwise(np.asarray(grid)))
+    out = generate(rival.wrap(field), rival, z0, None, grid=grid, keep_path=True)
+    middle = int(np.argmin(np.abs(np.asarray(grid) - 0.5)))
+    uniform = refined_grid(middle, 1.0)
+    nominal = generate(field, NoGuidance(), z0, None, grid=uniform).z
+    assert np.asarray(out.path[middle]) == pytest.approx(np.asarray(nominal), abs=1e-4)
+
+
+def test_agents_that_have_stopped_get_no_input():
+    z = jnp.array([[0.0, 0.0], [0.5, 0.0], [0.0, 9.0]])
+    moving = jnp.array([True, False, True])
+    u, report = JOINT(None, jnp.float32(0.0), z, jnp.zeros_like(z), None, moving)
+    assert float(jnp.abs(u[0]).sum()) > 0
+    assert np.array_equal(u[1], [0.0, 0.0])
+    assert np.asarray(report.effort) == pytest.approx(np.linalg.norm(np.asarray(u), axis=-1))
