@@ -3,10 +3,11 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 
-.PHONY: help demo test lint bench clean
+.PHONY: help demo quick test lint bench clean
 
 help:
 	@echo "make demo   set up, generate certified scenes, draw them into demo/"
+	@echo "make quick  set up, reproduce every table and figure with few cases into reproduction-quick/"
 	@echo "make test   set up, run the tests"
 	@echo "make lint   set up, check style and types"
 	@echo "make bench  set up, time guided against nominal generation, and one policy of the bridge"
@@ -31,8 +32,11 @@ $(VENV)/.dev: $(VENV)/.base
 demo: $(VENV)/.base
 	@$(BIN)/deggflow demo
 
+quick: $(VENV)/.base
+	@$(BIN)/deggflow reproduce --quick --out reproduction-quick
+
 test: $(VENV)/.dev
-	@$(BIN)/python -m pytest
+	@$(BIN)/python -m pytest -n 2 --dist loadfile
 
 lint: $(VENV)/.dev
 	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
@@ -42,4 +46,4 @@ bench: $(VENV)/.dev
 	@$(BIN)/python benchmarks/bridge_policy.py
 
 clean:
-	rm -rf $(VENV) demo .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) demo reproduction-quick .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -21,7 +21,17 @@ FLOORS = [
         "weights",
         "solver",
     },
-    {"trace", "generation", "step_guard", "certificate", "records", "redraw", "train"},
+    {
+        "rivals",
+        "trace",
+        "generation",
+        "step_guard",
+        "certificate",
+        "records",
+        "redraw",
+        "train",
+        "deviation",
+    },
     {"tasks"},
     {"view"},
     {"app"},
@@ -49,7 +59,7 @@ def imports(path):
         else:
             continue
         for name in names:
-            if name.startswith("deggflow."):
+            if name.startswith("deggflow.") and name != "deggflow.__version__":
                 yield name.split(".")[1]
 
 

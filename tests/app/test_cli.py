@@ -393,3 +393,17 @@ def test_data_and_training_from_the_command_line(inside, tmp_path):
         *("--guidance", "none"),
     )
     assert used.returncode == 0, used.stderr
+
+
+def test_rivals_are_compared_and_unknown_ones_refused(inside, tmp_path):
+    ways = ("penalty gradient", "rejection sampling")
+    small = ("tabletop", "rivals", "--cases", 3, "--sizes", 3, "--chosen", "--out", "rows.jsonl")
+    found = inside(*small, "--methods", *ways)
+    assert found.returncode == 0, found.stderr
+    written = [json.loads(line) for line in (tmp_path / "rows.jsonl").read_text().splitlines()]
+    assert [row["method"] for row in written] == list(ways)
+    for name in ways:
+        assert name in found.stdout
+    refused = inside("tabletop", "rivals", "--methods", "magic")
+    assert refused.returncode == 2
+    assert "'magic' is none of" in refused.stderr

@@ -1,7 +1,6 @@
 """Every rival by what its own paper says of it, on disks that must keep apart."""
 
-from itertools import pairwise
-
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,10 +11,11 @@ from deggflow.guidance import NoGuidance
 from deggflow.rivals import (
     DualFlow,
     EndpointProjection,
+    FadingField,
     JointBarrier,
     PenaltyGradient,
-    PredictionCorrection,
     SplitBarrier,
+    predict_then_correct,
 )
 
 APART = 1.0
@@ -44,7 +44,6 @@ RIVALS = {
     "penalty": PenaltyGradient(violation, 50.0),
     "projection": EndpointProjection(margins, 10, 0.5, 0.01),
     "dual": DualFlow(margins, 2, 2.0, 4.0, 0.01),
-    "correction": PredictionCorrection(JOINT, 1.0),
 }
 
 
@@ -54,8 +53,6 @@ def sample(name, z0):
         case DualFlow():
             wide = generate(rival.wrap(field), rival, rival.widen(z0), None).z
             return rival.narrow(wide)
-        case PredictionCorrection():
-            return generate(rival.wrap(field), rival, z0, None, grid=rival.grid(100)).z
     return generate(field, rival, z0, None).z
 
 
@@ -150,18 +147,26 @@ def test_multipliers_stay_out_of_the_sample_and_grow_only_with_violation():
     assert u[:2, :2] == pytest.approx(np.array([[-1, 0], [1, 0]]) * 4 / 0.5 * 0.61, rel=1e-4)
 
 
-def test_prediction_is_the_nominal_generation_and_the_grid_covers_both_phases():
-    rival, z0 = RIVALS["correction"], state(1)
-    grid = rival.grid(100)
-    assert grid.shape == (101,)
-    assert float(grid[0]) == 0.0
-    assert float(grid[-1]) == 1.0
-    assert all(b > a for a, b in pairwise(np.asarray(grid)))
-    out = generate(rival.wrap(field), rival, z0, None, grid=grid, keep_path=True)
-    middle = int(np.argmin(np.abs(np.asarray(grid) - 0.5)))
-    uniform = refined_grid(middle, 1.0)
-    nominal = generate(field, NoGuidance(), z0, None, grid=uniform).z
-    assert np.asarray(out.path[middle]) == pytest.approx(np.asarray(nominal), abs=1e-4)
+def test_a_correction_moves_nothing_where_all_holds_and_brings_about_what_does_not():
+    def far(tau, z, condition):
+        return (jnp.array([[0.0, 0.0], [3.0, 0.0], [0.0, 3.0]]) - z) / jnp.maximum(1 - tau, 1e-3)
+
+    z0 = jnp.stack([state(seed) for seed in range(3)])
+    run = eqx.filter_jit(predict_then_correct)
+    ends = run(far, JOINT, z0, None, steps=100, pull=0.0).z
+    nominal = jax.vmap(lambda z: generate(far, NoGuidance(), z, None, grid=refined_grid(50, 1.0)).z)
+    assert np.asarray(ends) == pytest.approx(np.asarray(nominal(z0)), abs=1e-4)
+    near = run(field, JOINT, z0, None, steps=100, pull=0.0).z
+    assert float(jnp.min(jax.vmap(lambda z: margins(z, None))(near))) > -2e-3
+
+
+def test_the_field_of_a_correction_fades_from_its_pull_to_nothing():
+    z, fading = state(2), FadingField(field, 2.0)
+    for tau in (0.0, 0.25):
+        assert np.asarray(fading(jnp.float32(tau), z, None)) == pytest.approx(
+            2.0 * (1 - tau) * np.asarray(field(jnp.float32(tau), z, None)), rel=1e-5
+        )
+    assert np.array_equal(fading(jnp.float32(1.0), z, None), np.zeros_like(z))
 
 
 def test_agents_that_have_stopped_get_no_input():

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from deggflow.view.bridge import BoundPanel, PathGroup, draw_bounds, draw_paths
+from deggflow.view.bridge import BoundPanel, PathGroup, bounds_figure, draw_bounds, draw_paths
+from deggflow.view.style import GUIDED, NOMINAL
 
 MAGIC = {"pdf": b"%PDF", "png": b"\x89PNG"}
 TAU = np.linspace(0.0, 1.0, 21)
@@ -51,6 +52,26 @@ def test_each_panel_shows_the_factor_the_bound_and_what_lies_below(monkeypatch, 
         middle = content.bound[10] - content.shift
         assert region.contains_point((TAU[10], middle - 0.05))
         assert not region.contains_point((TAU[10], middle + 0.05))
+
+
+def test_the_nominal_course_is_shown_beside_the_guided_one_in_its_own_colour():
+    nominal = 2.9 + 0.5 * TAU
+    shifted = panel(shift=1.0)._replace(nominal=nominal)
+    figure = bounds_figure([panel(), shifted], name=r"$q_\mathrm{safe}$", ylabel="shifted")
+    assert figure.axes[0].get_ylabel() == "shifted"
+    assert all("tau" in axes.get_xlabel() for axes in figure.axes)
+    assert len(figure.axes[0].lines) == 2
+    bound, guided, line = figure.axes[1].lines
+    np.testing.assert_allclose(line.get_ydata(), nominal - 1.0)
+    np.testing.assert_allclose(guided.get_ydata() - bound.get_ydata(), -0.3 * TAU)
+    low, high = figure.axes[1].get_ylim()
+    assert low < min(line.get_ydata().min(), guided.get_ydata().min())
+    assert high > line.get_ydata().max()
+    assert (guided.get_color(), line.get_color()) == (GUIDED, NOMINAL)
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert texts == [each.get_label() for each in (bound, guided, line)]
+    with pytest.raises(ValueError, match="nominal"):
+        bounds_figure([panel()._replace(nominal=nominal[:3])])
 
 
 def test_the_legend_counts_the_ways_of_each_group(monkeypatch, tmp_path):

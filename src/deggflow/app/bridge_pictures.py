@@ -11,7 +11,7 @@ from deggflow.jsonl import InputError
 from deggflow.tasks.bridge.assembly import Surroundings, assemble, surroundings
 from deggflow.tasks.bridge.condition import BridgeCondition
 from deggflow.tasks.bridge.generator import BridgeGenerator
-from deggflow.tasks.bridge.policies import PolicyGenerator, initial_noise
+from deggflow.tasks.bridge.policies import initial_noise
 from deggflow.tasks.bridge.trial import Trial
 from deggflow.tasks.bridge.world import DT, EXECUTED
 from deggflow.view.bridge import (
@@ -91,7 +91,7 @@ def draw(
         left = None if twin is None else assemble(twin, around)
         write_process_video(written[-1], process, left=left, renderer=wishes.renderer)
     if wishes.curves and generator is not None and conditions is not None:
-        written += _draw_curves(generator.policies, trial, line, conditions, path)
+        written += _draw_curves(generator, trial, line, conditions, path)
     return written
 
 
@@ -139,11 +139,12 @@ class _Course(NamedTuple):
 
 
 def _course(
-    policies: PolicyGenerator, trial: Trial, line: int, condition: BridgeCondition, policy: int
+    generator: BridgeGenerator, trial: Trial, line: int, condition: BridgeCondition, policy: int
 ) -> _Course:
     record = trial.certificate.policies[policy]
     draw_number = record.draws - 1 if record.accepted else 0
     noise = initial_noise(trial.seed, np.array([line - 1]), policy, draw_number)
+    policies = generator.of_draw(draw_number + 1)
     trace = policies.trace(noise[0], condition)
     end = policies.batch(noise, jax.tree.map(lambda leaf: leaf[None], condition))
     before = np.asarray(trace.tau) < 1.0  # the end is taken in float64
@@ -157,7 +158,7 @@ def _course(
 
 
 def _draw_curves(
-    policies: PolicyGenerator,
+    generator: BridgeGenerator,
     trial: Trial,
     line: int,
     conditions: list[BridgeCondition],
@@ -169,7 +170,7 @@ def _draw_curves(
         _tell(f"Trial {line} has no policies, so it has no curves.")
         return []
     chosen = sorted({0, last // 2, last})
-    courses = [_course(policies, trial, line, conditions[k], k) for k in chosen]
+    courses = [_course(generator, trial, line, conditions[k], k) for k in chosen]
     written = []
     for row, name, label in ((0, "task", r"$q_\mathrm{task}$"), (1, "safe", r"$q_\mathrm{safe}$")):
         shown = [

@@ -6,7 +6,8 @@ from tyro.extras import SubcommandApp
 
 from deggflow.jsonl import InputError
 
-from . import bridge, demo, tabletop
+from . import bridge, demo, rivals, tabletop
+from .reproduce.command import reproduce
 from .session import BAD_INPUT, UNFORESEEN
 
 _TABLETOP = SubcommandApp()
@@ -15,6 +16,7 @@ _TABLETOP.command(tabletop.train)
 _TABLETOP.command(tabletop.generate)
 _TABLETOP.command(tabletop.certify)
 _TABLETOP.command(tabletop.evaluate)
+_TABLETOP.command(rivals.rivals)
 _TABLETOP.command(tabletop.render)
 
 _BRIDGE = SubcommandApp()
@@ -31,6 +33,7 @@ _APP.command(
     _TABLETOP, name="tabletop", help="Scenes of objects on a table, each easy to reach and use."
 )
 _APP.command(_BRIDGE, name="bridge", help="Robots push a plank over a gap and cross it.")
+_APP.command(reproduce)
 
 _DESCRIPTION = (
     "Generative flow models of several agents that keep hard promises: guided generation, "

@@ -11,7 +11,7 @@ from .session import SATISFIED, output, prepare_jax
 
 
 def rivals(
-    cases: int = 256,
+    cases: int = 128,
     sizes: tuple[int, ...] = (8,),
     methods: tuple[str, ...] = (),
     seed: int = 1001,

@@ -4,7 +4,7 @@ from .dual_flow import DualFlow
 from .endpoint_projection import EndpointProjection
 from .joint_barrier import JointBarrier
 from .penalty_gradient import PenaltyGradient
-from .prediction_correction import PredictionCorrection
+from .prediction_correction import FadingField, predict_then_correct
 from .rival import AbstractRival, Constraints
 from .split_barrier import SplitBarrier
 
@@ -13,8 +13,9 @@ __all__ = [
     "Constraints",
     "DualFlow",
     "EndpointProjection",
+    "FadingField",
     "JointBarrier",
     "PenaltyGradient",
-    "PredictionCorrection",
     "SplitBarrier",
+    "predict_then_correct",
 ]

@@ -14,7 +14,7 @@ from deggflow.tasks.bridge.codec import continuation
 from deggflow.tasks.bridge.condition import BridgeCondition, TrialCondition
 from deggflow.tasks.bridge.field import load_field
 from deggflow.tasks.bridge.generator import BridgeGenerator
-from deggflow.tasks.bridge.policies import initial_noise
+from deggflow.tasks.bridge.policies import PolicyGenerator, initial_noise
 from deggflow.tasks.bridge.requirements import bridge_guidance
 from deggflow.tasks.bridge.scenes import random_conditions
 
@@ -351,3 +351,21 @@ def test_nothing_asked_for_nothing_made(nominal):
 def test_at_least_one_draw(guided, conditions, limit):
     with pytest.raises(ValueError, match="max_draws"):
         guided.trials(conditions[:1], max_draws=limit)
+
+
+def test_a_policy_refused_again_and_again_is_drawn_with_finer_steps(field, conditions, monkeypatch):
+    generator = BridgeGenerator(field, bridge_guidance(field.scales), steps=6)
+    coarse, made, asked = generator.policies, PolicyGenerator.batch, []
+
+    def batch(policies, noise, condition):
+        """What coarse steps make, which passes its check only where fine ones were asked for."""
+        asked.append(len(policies.grid) - 1)
+        found = made(coarse, noise, condition)
+        return found if asked[-1] == 24 else found._replace(q_safe=found.q_safe + 100.0)
+
+    monkeypatch.setattr(PolicyGenerator, "batch", batch)
+    (trial,) = generator.trials(conditions[:1], seed=SEED, max_draws=8)
+    first = trial.certificate.policies[0]
+    assert first.accepted
+    assert first.draws == 5
+    assert asked[:5] == [6, 6, 6, 6, 24]

@@ -23,6 +23,8 @@ from .verdict import Verdict, bridges, execute, margins
 from .world import EXECUTED, HORIZON
 
 MAX_DRAWS = 8
+COARSE_DRAWS = 4  # that a policy has before it is drawn with finer steps
+FINER = 4  # times as many steps: what opposes each other beside a wall may ask for them
 MAX_POLICIES = 60  # of a trial: 48 s
 STARTS_BROKEN = "at the start "
 _DIVERGED = 1e9  # q of a policy whose generation diverged; files hold finite numbers
@@ -170,8 +172,13 @@ class BridgeGenerator:
                 leads there has it, too.
         """
         self.policies = PolicyGenerator(field, guidance, steps=steps, power=power)
+        self.finer = PolicyGenerator(field, guidance, steps=FINER * steps, power=power)
         self.guided = not isinstance(self.policies.guidance, NoGuidance)
         self.speed_limit = speed_limit if self.guided else None
+
+    def of_draw(self, number: int) -> PolicyGenerator:
+        """What makes a policy's draw of this number, from 1: a policy that is refused again and again gets finer steps."""
+        return self.policies if number <= COARSE_DRAWS else self.finer
 
     def trials(
         self,
@@ -240,7 +247,7 @@ class BridgeGenerator:
         limit = max_draws if self.guided else 1
         for number in range(limit):
             numbers = np.array([runs[k].number for k in pending])
-            drawn = self.policies.batch(
+            drawn = self.of_draw(number + 1).batch(
                 initial_noise(seed, numbers, policy, number), take(condition, np.array(pending))
             )
             left = []

@@ -10,11 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from deggflow.deviation import squared_distances, wasserstein
 from deggflow.flow import Field
-from deggflow.generation import generate_batch, refined_grid
+from deggflow.generation import DEFAULT_STEPS, generate_batch
 from deggflow.guidance import AbstractGuidance, NoGuidance
 from deggflow.redraw import padded_batch
-from deggflow.rivals import DualFlow, PredictionCorrection
+from deggflow.rivals import DualFlow, predict_then_correct
 from deggflow.statistics import Rate
 from deggflow.step_guard import StepGuard
 
@@ -83,17 +84,18 @@ def _program(
     guidance: AbstractGuidance,
     noise: Float[Array, "scenes agents 3"],
     condition: TabletopCondition,
-    grid: Float[Array, " points"],
     guard: StepGuard | None,
+    pull: Float[Array, ""] | None,
 ) -> Float[Array, "scenes agents 3"]:
+    if pull is not None:
+        return predict_then_correct(
+            field, guidance, noise, condition, steps=DEFAULT_STEPS, pull=pull, guard=guard
+        ).z
     match guidance:
         case DualFlow():
-            wide = guidance.widen(noise)
-            driven = guidance.wrap(field)
-            return guidance.narrow(generate_batch(driven, guidance, wide, condition, grid=grid).z)
-        case PredictionCorrection():
-            return generate_batch(guidance.wrap(field), guidance, noise, condition, grid=grid).z
-    return generate_batch(field, guidance, noise, condition, grid=grid, guard=guard).z
+            wide, driven = guidance.widen(noise), guidance.wrap(field)
+            return guidance.narrow(generate_batch(driven, guidance, wide, condition).z)
+    return generate_batch(field, guidance, noise, condition, guard=guard).z
 
 
 def draw_cases(field: Field, size: int, requirements: str, cases: int, seed: int) -> Cases:
@@ -151,7 +153,6 @@ def _generate(
     agents = padded_size(cases.size)
     noise = initial_noise(cases.seed, numbers, draw_number)[:, :agents]
     arrays = to_arrays(conditions, agents)
-    grid = refined_grid() if way.grid is None else way.grid
     parts, seconds = [], 0.0
     for start in range(0, len(numbers), CHUNK):
         count = min(CHUNK, len(numbers) - start)
@@ -159,7 +160,7 @@ def _generate(
         index = start + np.resize(np.arange(count), filled)
         given = jnp.asarray(noise[index]), take(arrays, index)
         begun = time.perf_counter()
-        found = np.asarray(_program(field, way.guidance, *given, grid, way.guard))
+        found = np.asarray(_program(field, way.guidance, *given, way.guard, way.pull))
         seconds += (time.perf_counter() - begun) * count / filled
         parts.append(found[:count])
     z = np.concatenate(parts)
@@ -182,14 +183,7 @@ def _paired(
 def _transport(
     z: Float[np.ndarray, "cases objects 3"], nominal: Float[np.ndarray, "cases objects 3"]
 ) -> float | None:
-    if not len(z):
-        return None
-    from scipy.optimize import linear_sum_assignment
-    from scipy.spatial.distance import cdist
-
-    flat = [each.reshape(len(each), -1).astype(float) for each in (z, nominal)]
-    square = cdist(*flat, "sqeuclidean") / z.shape[1]
-    return float(np.sqrt(square[linear_sum_assignment(square)].mean()))
+    return wasserstein(squared_distances(z, nominal) / z.shape[1]) if len(z) else None
 
 
 def best(points: Sequence[Point]) -> Point:

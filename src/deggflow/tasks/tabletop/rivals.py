@@ -1,13 +1,12 @@
 """Ways to guide the tabletop, each with its knob and the grid over which it is swept."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from deggflow.generation import DEFAULT_STEPS
 from deggflow.guidance import (
     AbstractAllocation,
     AbstractGuidance,
@@ -22,7 +21,6 @@ from deggflow.rivals import (
     EndpointProjection,
     JointBarrier,
     PenaltyGradient,
-    PredictionCorrection,
     SplitBarrier,
 )
 from deggflow.step_guard import StepGuard
@@ -58,7 +56,7 @@ class Way:
 
     guidance: AbstractGuidance
     guard: StepGuard | None = None
-    grid: Float[Array, " points"] | None = None  # `refined_grid()` if None
+    pull: Float[Array, ""] | None = None  # of the fading field, after a prediction without guidance
     draws: int = 1  # samples drawn at most, until one satisfies
 
 
@@ -104,14 +102,15 @@ def _ours(allocation: AbstractAllocation, *, reanchored: bool) -> Callable[[Knob
 
 
 def _joint(knob: Knob) -> Way:
-    barrier = JointBarrier(flat_margins, _number(knob, "gain"), AHEAD)
-    return Way(barrier)
+    return Way(JointBarrier(flat_margins, _number(knob, "gain"), AHEAD))
 
 
 def _corrected(knob: Knob) -> Way:
-    barrier = JointBarrier(flat_margins, _number(knob, "gain"), AHEAD)
-    way = PredictionCorrection(barrier, _number(knob, "pull"))
-    return Way(way, grid=way.grid(DEFAULT_STEPS))
+    return replace(_joint(knob), pull=_number(knob, "pull"))
+
+
+def _corrected_by_ours(knob: Knob) -> Way:
+    return replace(_ours(POOLED, reanchored=True)(knob), pull=_number(knob, "pull"))
 
 
 def _dual(knob: Knob) -> Way:
@@ -145,11 +144,17 @@ def _grid(**values: tuple[float, ...]) -> tuple[Knob, ...]:
 
 _SHIPPED = {"buffer": BUFFER, "power": 1.0}  # the paper's delta, and its omega = 0.1 + 1.8 tau
 _OURS = _grid(buffer=(BUFFER, 0.005), power=(1.0, 8.0))
+_AFTERWARDS = {**_SHIPPED, "pull": 0.0}
 _GAINS = _grid(gain=(0.5, 1.0, 2.0, 4.0, 8.0))
 PROPOSED = (
     Method(
         "pooled", "this library", "neighbours' states; two sums over the team",
         _ours(POOLED, reanchored=True), _SHIPPED, _SHIPPED, _OURS, ours=True,
+    ),
+    Method(
+        "predict, then pooled", "SafeFlowMatcher's phases, this library's guidance", "neighbours' states; two sums over the team",
+        _corrected_by_ours, _AFTERWARDS, _AFTERWARDS,
+        _grid(buffer=(BUFFER, 0.005), power=(1.0,), pull=(0.0, 2.0)), ours=True,
     ),
     Method(
         "local", "this library", "neighbours' states; two sums over neighbours",
@@ -167,18 +172,18 @@ RIVALS = (
     ),
     Method(
         "predict, then correct", "SafeFlowMatcher, arXiv:2509.24243", "all states and fields, in one solver",
-        _corrected, {"gain": 2.0, "pull": 1.0}, {"gain": 2.0, "pull": 1.0},
-        _grid(gain=(1.0, 2.0, 4.0), pull=(0.0, 1.0, 2.0)),
+        _corrected, {"gain": 2.0, "pull": 0.0}, {"gain": 2.0, "pull": 0.0},
+        _grid(gain=(1.0, 2.0, 4.0), pull=(0.0, 2.0)),
     ),
     Method(
         "dual flow", "Lagrangian dual flows", "neighbours' states and multipliers",
         _dual, {"gain": 2.0, "damping": 4.0}, {"gain": 2.0, "damping": 4.0},
-        _grid(gain=(0.5, 2.0, 8.0), damping=(0.0, 1.0, 4.0)),
+        _grid(gain=(0.5, 2.0, 8.0), damping=(1.0, 4.0)),
     ),
     Method(
         "endpoint projection", "PCFM, arXiv:2506.04171", "all states and fields, in one solver",
-        _projected, {"start": 0.0, "iterations": 5.0}, {"start": 0.0, "iterations": 5.0},
-        _grid(start=(0.0, 0.5, 0.9, 0.9999), iterations=(5.0, 20.0)),
+        _projected, {"start": 0.9999, "iterations": 5.0}, {"start": 0.9999, "iterations": 5.0},
+        _grid(start=(0.0, 0.5, 0.9999), iterations=(5.0,)),
     ),
     Method(
         "penalty gradient", "universal guidance (Bansal et al. 2024)", "neighbours' states",

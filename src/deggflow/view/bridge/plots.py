@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-BLUE, VERMILION = "#0072B2", "#D55E00"  # Okabe and Ito (2008)
-_SHADE = "#f7e3d6"
+_SHADE = "#e9eef3"  # below a bound
 _GAP = "#cbc6bc"  # light, as lines cross it
 _DPI = 200  # of PNG files
 
@@ -30,7 +29,8 @@ class BoundPanel(NamedTuple):
     tau: Float[np.ndarray, " times"]
     value: Float[np.ndarray, " times"]  # q
     bound: Float[np.ndarray, " times"]  # beta
-    shift: float = 0.0  # taken off both curves, as the factor's value before the policy
+    shift: float = 0.0  # taken off all curves, as the factor's value before the policy
+    nominal: Float[np.ndarray, " times"] | None = None  # q without guidance, from the same z(0)
 
 
 class PathGroup(NamedTuple):
@@ -47,7 +47,7 @@ def draw_bounds(
     *,
     ylabel: str = r"$q_\mathrm{task}$",
 ) -> None:
-    """Draws q below its time-varying upper bound, as in the paper (fig:task1_task_sampling).
+    """Writes `bounds_figure`.
 
     Args:
         path: The file; its ending decides: ".pdf", ".svg" or ".png".
@@ -57,17 +57,39 @@ def draw_bounds(
     Raises:
         ValueError: If there is no panel, or one's arrays differ in length.
     """
-    _check_panels(panels)
-    from matplotlib.figure import Figure
+    from deggflow.view.style import look
 
-    figure = Figure(figsize=(2.5 * len(panels) + 0.4, 2.5), layout="constrained")
-    row = figure.subplots(1, len(panels), squeeze=False)[0]
-    for axes, panel in zip(row, panels, strict=True):
-        _draw_bound(axes, panel, ylabel)
-    row[0].set_ylabel(ylabel)
-    entries = row[0].get_legend_handles_labels()
-    figure.legend(*entries, frameon=False, fontsize=9, loc="outside upper center", ncols=2)
-    _save(figure, Path(path))
+    with look():
+        _save(bounds_figure(panels, name=ylabel), Path(path))
+
+
+def bounds_figure(
+    panels: Sequence[BoundPanel],
+    *,
+    name: str = r"$q_\mathrm{task}$",
+    ylabel: str | None = None,
+) -> Figure:
+    """A factor q below its time-varying upper bound, as in the paper (fig:task1_task_sampling).
+
+    Args:
+        panels: One set of axes each, in a row.
+        name: Of the factor, in the legend.
+        ylabel: Of the axes; the factor's name if not given.
+
+    Raises:
+        ValueError: If there is no panel, or one's arrays differ in length.
+    """
+    _check_panels(panels)
+    from deggflow.view.style import above, look, new_figure
+
+    with look():
+        figure, row = new_figure(2.3, width=2.2 * len(panels) + 0.4, columns=len(panels))
+        for axes, panel in zip(row, panels, strict=True):
+            _draw_bound(axes, panel, name)
+        row[0].set_ylabel(name if ylabel is None else ylabel)
+        most = max(row, key=lambda axes: len(axes.lines))  # the fullest panel explains all
+        above(figure, most, columns=len(most.lines))
+    return figure
 
 
 def draw_paths(path: Path | str, groups: Sequence[PathGroup]) -> None:
@@ -107,28 +129,33 @@ def _check_panels(panels: Sequence[BoundPanel]) -> None:
     if len(panels) == 0:
         raise ValueError("`panels` must have at least one panel; got none.")
     for panel in panels:
-        lengths = len(panel.tau), len(panel.value), len(panel.bound)
+        curves = [panel.tau, panel.value, panel.bound]
+        curves += [] if panel.nominal is None else [panel.nominal]
+        lengths = [len(curve) for curve in curves]
         if len(set(lengths)) > 1:
             raise ValueError(
-                f"`tau`, `value` and `bound` of panel {panel.title!r} must be of the same length; "
-                f"got {lengths}."
+                f"`tau`, `value`, `bound` and, if given, `nominal` of panel {panel.title!r} must be of the "
+                f"same length; got {lengths}."
             )
 
 
 def _draw_bound(axes: Axes, panel: BoundPanel, name: str) -> None:
+    from deggflow.view.style import BOUND, GUIDED, NOMINAL
+
     value, bound = panel.value - panel.shift, panel.bound - panel.shift
-    finite = np.concatenate([value, bound])
+    nominal = [] if panel.nominal is None else [panel.nominal - panel.shift]
+    finite = np.concatenate([value, bound, *nominal])
     finite = finite[np.isfinite(finite)]
     low, high = (finite.min(), finite.max()) if finite.size else (0.0, 1.0)
     room = 0.06 * max(high - low, 1e-6)
     axes.fill_between(panel.tau, low - room, bound, color=_SHADE, linewidth=0.0, zorder=0)
-    axes.plot(panel.tau, bound, color=VERMILION, linestyle="--", label=_bound_name(name))
-    axes.plot(panel.tau, value, color=BLUE, label=name)
-    axes.set_xlim(0.0, 1.0)
-    axes.set_ylim(low - room, high + room)
-    axes.set_xlabel(r"$\tau$")
-    axes.set_title(panel.title, fontsize=10)
-    axes.spines[["top", "right"]].set_visible(False)
+    axes.plot(panel.tau, bound, color=BOUND, linestyle="--", label=_bound_name(name))
+    axes.plot(panel.tau, value, color=GUIDED, label=f"{name}, guided" if nominal else name)
+    for each in nominal:
+        axes.plot(panel.tau, each, color=NOMINAL, label=f"{name}, nominal")
+    axes.set(xlim=(0.0, 1.0), ylim=(low - room, high + room), title=panel.title)
+    axes.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
+    axes.set_xlabel(r"generative time $\tau$")
 
 
 def _bound_name(name: str) -> str:

@@ -1,0 +1,113 @@
+"""Both factors along the generation of one policy: with the guidance, and without it from the same z(0)."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from deggflow.generation import generate
+from deggflow.guidance import DecoupledGuidance, NoGuidance
+from deggflow.tasks.bridge.condition import BridgeCondition
+from deggflow.tasks.bridge.field import BridgeField
+from deggflow.tasks.bridge.policies import PolicyGenerator
+from deggflow.tasks.bridge.world import MAX_ROBOTS
+
+FACTORS = ("task", "safe")  # rows of the guidance, in this order
+SAFE = FACTORS.index("safe")
+
+
+class Course(NamedTuple):
+    """q_task and q_safe, and the bounds that z(0) and the condition give them, at every grid point."""
+
+    tau: Float[np.ndarray, " points"]
+    value: Float[np.ndarray, "points 2"]
+    bound: Float[np.ndarray, "points 2"]
+    held: bool  # the theorem's conditions did, and no value was above its limit
+
+    def to_json(self) -> dict[str, Any]:
+        """tau, q_task, beta_task, q_safe, beta_safe as lists, and whether the conditions held."""
+        out: dict[str, Any] = {"held": self.held, "tau": self.tau.tolist()}
+        for row, name in enumerate(FACTORS):
+            out[f"q_{name}"] = self.value[:, row].tolist()
+            out[f"beta_{name}"] = self.bound[:, row].tolist()
+        return out
+
+
+def guided_course(
+    policies: PolicyGenerator, noise: Float[np.ndarray, "agents dim"], condition: BridgeCondition
+) -> Course:
+    """Of a guided generation; its end is taken in float64, as the verdict is.
+
+    Args:
+        policies: With the guidance.
+        noise: z(0).
+        condition: Of one trial; numpy arrays in float64.
+    """
+    trace = policies.trace(noise, _padded(condition))  # one program for teams of all sizes
+    end = policies.batch(noise[None], _lead(condition))
+    tau = np.asarray(trace.tau, np.float64)
+    value, bound = np.asarray(trace.value, np.float64), np.asarray(trace.bound, np.float64)
+    before = tau < 1.0
+    made = end.record(0, int(condition.mask.sum()))
+    return Course(
+        np.append(tau[before], 1.0),
+        np.vstack([value[before], [end.q_task[0], end.q_safe[0]]]),
+        np.vstack([bound[before], [end.bound[0], 0.0]]),
+        made is not None and made.held,
+    )
+
+
+def nominal_values(
+    policies: PolicyGenerator,
+    guidance: DecoupledGuidance,
+    noise: Float[np.ndarray, "agents dim"],
+    condition: BridgeCondition,
+) -> Float[np.ndarray, "points 2"]:
+    """q_task and q_safe of a nominal generation at the points of `guided_course`.
+
+    Args:
+        policies: Without guidance.
+        guidance: Whose factors are evaluated; it doesn't act.
+        noise: z(0).
+        condition: Of one trial; numpy arrays in float64.
+    """
+    grid, whole = policies.grid, _padded(condition)
+    single = jax.tree.map(lambda leaf: jnp.asarray(_rounded(leaf)), whole)
+    z0 = jnp.asarray(noise[: len(whole.mask)])
+    value = np.array(_values(policies.field, guidance, z0, single, grid), np.float64)
+    end = policies.batch(noise[None], _lead(condition))
+    value[-1] = end.q_task[0], end.q_safe[0]
+    return value
+
+
+@eqx.filter_jit
+def _values(
+    field: BridgeField,
+    guidance: DecoupledGuidance,
+    z0: Float[Array, "agents dim"],
+    condition: BridgeCondition,
+    grid: Float[Array, " points"],
+) -> Float[Array, "points 2"]:
+    path = generate(
+        field.under(condition), NoGuidance(), z0, condition, grid=grid, keep_path=True
+    ).path
+    return jax.vmap(lambda tau, z: guidance.values(tau, z, condition))(grid, path)
+
+
+def _rounded(leaf: np.ndarray) -> np.ndarray:
+    return leaf if leaf.dtype == bool else leaf.astype(np.float32)
+
+
+def _lead(condition: BridgeCondition) -> BridgeCondition:
+    return jax.tree.map(lambda leaf: leaf[None], condition)
+
+
+def _padded(condition: BridgeCondition) -> BridgeCondition:
+    """The condition with room for as many robots as there can be."""
+    lacking = MAX_ROBOTS - len(condition.mask)
+    contacts: Any = np.pad(condition.contacts, ((0, lacking), (0, 0)))
+    mask: Any = np.pad(condition.mask, (0, lacking))
+    return condition._replace(contacts=contacts, mask=mask)

@@ -1,0 +1,247 @@
+"""A complete process of five guided robots, and q_task under its bound meanwhile."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from deggflow.tasks.bridge.assembly import assemble, surroundings
+from deggflow.tasks.bridge.field import BridgeField, load_field
+from deggflow.tasks.bridge.generator import BridgeGenerator, Replay
+from deggflow.tasks.bridge.policies import initial_noise
+from deggflow.tasks.bridge.process import TICK, Process
+from deggflow.tasks.bridge.requirements import PROGRESS, bridge_guidance
+from deggflow.tasks.bridge.scenes import random_conditions
+from deggflow.tasks.bridge.trial import Trial
+from deggflow.tasks.bridge.world import DT, EXECUTED
+from deggflow.view.bridge import BoundPanel, bounds_figure, picture, picture_column
+from deggflow.view.bridge.pictures import telling_ticks
+
+from .bridge_courses import guided_course
+from .experiment import UNMET, DataTable, Finding, Plot, Progress, Section, Settings
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SIZE = 5  # robots, fig:task1_rollout
+WHEN = ("early", "middle", "late")
+MOST = 100  # trials looked at
+
+_TITLES = ("Initial configuration", "The bridge is built", "Crossing the gap")
+
+
+class BridgeProcess:
+    """fig:task1_rollout and fig:task1_task_sampling."""
+
+    name = "bridge_process"
+
+    def measure(self, settings: Settings, say: Progress) -> Mapping[str, Any]:
+        """The first guided trial of the seed that becomes a complete process."""
+        return measure_process(load_field(), SIZE, settings.seed, say)
+
+    def present(self, result: Mapping[str, Any], settings: Settings) -> Section:
+        """Three moments of the process, three generations."""
+        title = "Task 1: a complete process, and q_task under its bound"
+        paper = (
+            "fig:task1_rollout and fig:task1_task_sampling. N = 5 with SE guidance: initial configuration, bridge built, "
+            "crossing; q_task stays below beta_task in policies generated at early, middle and late physical times."
+        )
+        example = result["example"]
+        if example is None:
+            return Section(title, paper, (f"None of {result['scanned']} trials became one.",))
+        rows, line = example["policies"], example["number"] + 1
+        made = f"--size {result['size']} --count {line} --seed {result['seed']}"
+        most = max(float(_excess(row).max()) for row in rows)
+        return Section(
+            title,
+            paper,
+            (_trial_text(result), _course_text(rows)),
+            (_table(rows),),
+            _plots(result["size"], example),
+            f"deggflow bridge generate {made} --out trials.jsonl\n"
+            f"deggflow bridge render trials.jsonl --lines {line} --process --curves",
+            (
+                Finding(
+                    "Task 1, largest q_task - beta_task in three generations",
+                    "below 0",
+                    f"{most:.2g}",
+                ),
+            ),
+        )
+
+
+def measure_process(field: BridgeField, size: int, seed: int, say: Progress) -> dict[str, Any]:
+    """The same for so many robots."""
+    generator = BridgeGenerator(field, bridge_guidance(field.scales))
+    unmet = []
+    for number in range(MOST):
+        say(f"N = {size}, trial {number + 1}: robots drive, build, cross")
+        (condition,) = random_conditions(size, 1, seed, number)
+        found = generator.replay(condition, seed=seed, number=number)
+        if found.trial.reason is not None:
+            unmet.append(f"N = {size}, trial {number + 1}: {found.trial.reason}")
+        process = complete_process(found.trial, number)
+        if process is not None:
+            break
+    example = None if process is None else _example(generator, found, number, process)
+    told = {"size": size, "seed": seed, "scanned": number + 1}
+    return {**told, "example": example, UNMET: unmet}
+
+
+def complete_process(trial: Trial, number: int) -> Process | None:
+    """Driving to the plank, building and crossing; None if any of it fails.
+
+    Args:
+        trial: The trial.
+        number: Its number in the run; robots start and end where `deggflow bridge render` draws them.
+    """
+    around = surroundings(trial.condition, trial.seed, number + 1)
+    if trial.reason is not None or around.lacking is not None:
+        return None
+    process = assemble(trial, around)
+    whole = process.failure is None and len(telling_ticks(process)) == len(_TITLES)
+    return process if whole else None
+
+
+def _example(
+    generator: BridgeGenerator, found: Replay, number: int, process: Process
+) -> dict[str, Any]:
+    last, ticks = len(found.conditions) - 1, telling_ticks(process)
+    return {
+        "number": number,
+        "trial": found.trial.to_json(),
+        "moments": {
+            "stages": [process.stage[tick] for tick in ticks],
+            "seconds": [tick * TICK for tick in ticks],
+            "plank": process.plank[ticks].tolist(),
+            "robots": process.robots[ticks].tolist(),
+            "robot_goals": process.robot_goals.tolist(),
+        },
+        "policies": [
+            _policy(generator, found, number, policy, when)
+            for policy, when in zip((0, last // 2, last), WHEN, strict=True)
+        ],
+    }
+
+
+def _policy(
+    generator: BridgeGenerator, found: Replay, number: int, policy: int, when: str
+) -> dict[str, Any]:
+    """The generation of one executed policy."""
+    draws = found.trial.certificate.policies[policy].draws
+    noise = initial_noise(found.trial.seed, np.array([number]), policy, draws - 1)[0]
+    course = guided_course(generator.of_draw(draws), noise, found.conditions[policy])
+    at = {"when": when, "policy": policy + 1, "seconds": policy * EXECUTED * DT, "draws": draws}
+    return {**at, **course.to_json()}
+
+
+def _trial_text(result: Mapping[str, Any]) -> str:
+    example = result["example"]
+    trial = example["trial"]
+    return (
+        f"Trial {example['number'] + 1} of seed {result['seed']}: the first in which guided robots build the bridge and find "
+        f"their ways to the plank and over it ({result['scanned']} looked at). They build it in "
+        f"{len(trial['twists']) * DT:.1f} s, by {len(trial['certificate']['policies'])} policies."
+    )
+
+
+def _course_text(rows: Sequence[Mapping[str, Any]]) -> str:
+    """What q_task does under its bound."""
+    most = max(float(_excess(row).max()) for row in rows)
+    rising = [row["when"] for row in rows if row["q_task"][-1] > row["q_task"][0]]
+    side = "above" if most > 0 else "below"
+    text = (
+        f"q_task comes to within {abs(most):.2g} of its bound, {side} it. A policy has to end at least {PROGRESS:g} below "
+        "the present q_task."
+    )
+    if rising:
+        text += (
+            f" Where it rises ({', '.join(rising)}), the nominal field leads it there: guidance asks for q_task below its "
+            "bound, not for descent."
+        )
+    return text
+
+
+def _excess(row: Mapping[str, Any]) -> np.ndarray:
+    return np.array(row["q_task"]) - np.array(row["beta_task"])
+
+
+def _table(rows: Sequence[Mapping[str, Any]]) -> DataTable:
+    return DataTable(
+        "bridge_task_sampling",
+        "The three generations, not shifted.",
+        (
+            "policy",
+            "number",
+            "time (s)",
+            "q_task at tau = 0",
+            "beta_task at tau = 0",
+            "q_task at tau = 1",
+            "beta_task at tau = 1",
+            "largest q_task - beta_task",
+            "conditions held",
+        ),
+        [
+            (
+                row["when"],
+                row["policy"],
+                row["seconds"],
+                row["q_task"][0],
+                row["beta_task"][0],
+                row["q_task"][-1],
+                row["beta_task"][-1],
+                float(_excess(row).max()),
+                "yes" if row["held"] else "no",
+            )
+            for row in rows
+        ],
+    )
+
+
+def _plots(size: int, example: Mapping[str, Any]) -> tuple[Plot, Plot]:
+    return (
+        Plot(
+            "bridge_process",
+            f"A complete process of {size} robots with SE guidance. Rings: where the robots have to go. Outline: the "
+            "goal of the plank.",
+            _pictures(example),
+        ),
+        Plot(
+            "bridge_task_sampling",
+            "q_task and its bound beta_task while policies of this process are generated. Both are shifted by "
+            "beta_task(1), for visualisation only; q_task - beta_task is unchanged. Shaded: q_task at most beta_task.",
+            task_figure(example["policies"]),
+        ),
+    )
+
+
+def _pictures(example: Mapping[str, Any]) -> "Figure":
+    moments, goal = example["moments"], example["trial"]["condition"]["goal"]
+    process = Process(
+        np.array(moments["plank"]),
+        np.array(moments["robots"]),
+        tuple(moments["stages"]),
+        np.array(moments["robot_goals"]),
+        np.array([goal["x"], goal["y"], goal["theta"]]),
+        None,
+    )
+    images = [picture(process, tick, width=1280, height=640) for tick in range(len(_TITLES))]
+    titles = [
+        f"{title} ({at:.1f} s)" for title, at in zip(_TITLES, moments["seconds"], strict=True)
+    ]
+    return picture_column(images, titles)
+
+
+def task_figure(rows: Sequence[Mapping[str, Any]]) -> "Figure":
+    """q_task and beta_task of each generation, less beta_task(1)."""
+    panels = [
+        BoundPanel(
+            f"{row['when'].capitalize()}: at {row['seconds']:.1f} s",
+            np.array(row["tau"]),
+            np.array(row["q_task"]),
+            np.array(row["beta_task"]),
+            row["beta_task"][-1],
+        )
+        for row in rows
+    ]
+    return bounds_figure(panels, ylabel=r"$q_\mathrm{task}$, shifted by $\beta_\mathrm{task}(1)$")

@@ -1,0 +1,236 @@
+"""How often robots bridge the gap, nominal and guided (paper: tab:task1_results)."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from deggflow.statistics import Rate
+from deggflow.tasks.bridge.evaluate import KINDS, Evaluation, evaluate
+from deggflow.tasks.bridge.field import BridgeField, load_field
+from deggflow.tasks.bridge.generator import MAX_DRAWS
+from deggflow.view.bridge import SuccessBars, success_bars
+from deggflow.view.style import GUIDED, NOMINAL
+
+from .experiment import UNMET, DataTable, Finding, Plot, Progress, Section, Settings
+
+PAPER_TRIALS = 50  # a row of tab:task1_results
+PAPER_NOMINAL = {4: 46, 5: 45, 6: 43, 7: 42, 8: 42}  # of these, tab:task1_results
+PAPER_GUIDED = {4: 50, 5: 50, 6: 50, 7: 50, 8: 50}
+TRAINED = (4, 5, 6)  # robots, of the paper's field and of ours
+TRIALS, QUICK_TRIALS = 128, 3  # a row; 128 trials fill one compiled batch
+QUICK_SIZES = (4, 8)
+
+KIND_TITLES = dict(
+    zip(
+        (*KINDS, "other"),
+        (
+            "plank leaves the workspace",
+            "plank loses its support",
+            "a robot leaves the workspace",
+            "a robot enters the gap",
+            "not bridged in time",
+            "other",
+        ),
+        strict=True,
+    )
+)
+
+
+class BridgeSuccess:
+    """tab:task1_results."""
+
+    name = "bridge_success"
+
+    def measure(self, settings: Settings, say: Progress) -> Mapping[str, Any]:
+        """Trials of every size; both kinds start from the same initial conditions and z(0)."""
+        sizes = QUICK_SIZES if settings.quick else tuple(PAPER_NOMINAL)
+        trials = settings.cases(TRIALS, QUICK_TRIALS)
+        return measure_rows(load_field(), sizes, trials, settings.seed, say)
+
+    def present(self, result: Mapping[str, Any], settings: Settings) -> Section:
+        """Success beside the paper's, and how nominal trials fail."""
+        rows = [Evaluation.from_json(row) for row in result["rows"]]
+        trials, seed = result["trials"], result["seed"]
+        sizes = " ".join(str(row.size) for row in rows)
+        nominal, guided = _overall(rows)
+        paper = [rate.share for rate in _paper_overall(rows)]
+        return Section(
+            title="Task 1: success of bridge building",
+            paper="tab:task1_results. 50 trials for each N = 4 to 8: nominal 46, 45, 43, 42, 42, guided 50 each. Training data "
+            "have 4, 5 and 6 robots.",
+            text=_text(rows, result["max_draws"]),
+            tables=(_success(rows), _failures(rows), _policies(rows, result["max_draws"])),
+            plots=(Plot("bridge_success", _caption(trials), _figure(rows)),),
+            command=f"deggflow bridge evaluate --trials {trials} --sizes {sizes} --seed {seed}",
+            summary=(
+                Finding(
+                    f"Task 1, N = {', '.join(str(row.size) for row in rows)}: nominal / guided",
+                    " / ".join(f"{100 * share:.1f}%" for share in paper),
+                    f"{100 * nominal.share:.1f}% / {100 * guided.share:.1f}%",
+                ),
+            ),
+        )
+
+
+def measure_rows(
+    field: BridgeField, sizes: Sequence[int], trials: int, seed: int, say: Progress
+) -> dict[str, Any]:
+    """One row for each size."""
+    rows = []
+    for size in sizes:
+        say(f"N = {size}: {trials} trials, nominal and guided")
+        rows.append(evaluate(field, size, trials, seed, MAX_DRAWS).to_json())
+    unmet = [text for row in rows for text in (*row["blocked"], *row["refuted"])]
+    return {"trials": trials, "seed": seed, "max_draws": MAX_DRAWS, "rows": rows, UNMET: unmet}
+
+
+def size_title(size: int) -> str:
+    """As the paper has it."""
+    return str(size) if size in TRAINED else f"{size} (unseen)"
+
+
+def _overall(rows: Sequence[Evaluation]) -> tuple[Rate, Rate]:
+    """Nominal and guided, all sizes together."""
+    trials = sum(row.trials for row in rows)
+    return (
+        Rate(sum(row.nominal for row in rows), trials),
+        Rate(sum(row.guided for row in rows), trials),
+    )
+
+
+def _paper_overall(rows: Sequence[Evaluation]) -> tuple[Rate, Rate]:
+    """The paper's, of the same sizes."""
+    trials = PAPER_TRIALS * len(rows)
+    return (
+        Rate(sum(PAPER_NOMINAL[row.size] for row in rows), trials),
+        Rate(sum(PAPER_GUIDED[row.size] for row in rows), trials),
+    )
+
+
+def _text(rows: Sequence[Evaluation], max_draws: int) -> list[str]:
+    nominal, guided = _overall(rows)
+    refuted = [text for row in rows for text in row.refuted]
+    texts = [
+        f"From the same initial conditions and z(0), nominal policies bridge the gap in {nominal.hits} of "
+        f"{nominal.cases} trials, {nominal}, guided ones in {guided.hits}, {guided} (95% Wilson intervals). "
+        "Success and failure are decided by exact geometry, without the factors' buffers.",
+        f"Every outcome, nominal or guided, was replayed by an independent integrator and judged by Shapely: "
+        f"{len(refuted)} of {2 * nominal.cases} were refuted. A guided policy that misses a bound is drawn again, "
+        f"at most {max_draws} times; the last table says how often that was needed.",
+    ]
+    texts += [f"Not bridged although guided: {text}." for row in rows for text in row.blocked]
+    return texts + [f"Refuted: {text}." for text in refuted]
+
+
+def _of_paper(rate: Rate) -> str:
+    return f"{rate.hits}/{rate.cases} ({100 * rate.share:.3g}%)"
+
+
+def _success(rows: Sequence[Evaluation]) -> DataTable:
+    found: list[tuple[str | int, ...]] = []
+    for row in rows:
+        found.append(
+            (
+                size_title(row.size),
+                row.trials,
+                row.nominal,
+                str(row.rate(row.nominal)),
+                row.guided,
+                str(row.rate(row.guided)),
+                len(row.refuted),
+                _of_paper(Rate(PAPER_NOMINAL[row.size], PAPER_TRIALS)),
+                _of_paper(Rate(PAPER_GUIDED[row.size], PAPER_TRIALS)),
+            )
+        )
+    nominal, guided = _overall(rows)
+    refuted = sum(len(row.refuted) for row in rows)
+    shares = nominal.hits, str(nominal), guided.hits, str(guided)
+    of_paper = (_of_paper(rate) for rate in _paper_overall(rows))
+    found.append(("overall", nominal.cases, *shares, refuted, *of_paper))
+    return DataTable(
+        "bridge_success",
+        "Trials that bridge the gap, with 95% Wilson intervals, beside the paper's (tab:task1_results).",
+        (
+            "N",
+            "trials",
+            "nominal",
+            "nominal [95%]",
+            "guided",
+            "guided [95%]",
+            "refuted by Shapely",
+            "nominal (paper)",
+            "guided (paper)",
+        ),
+        found,
+    )
+
+
+def _failures(rows: Sequence[Evaluation]) -> DataTable:
+    return DataTable(
+        "bridge_failures",
+        "How nominal trials fail.",
+        ("N", "failed", *KIND_TITLES.values()),
+        [
+            (
+                size_title(row.size),
+                row.trials - row.nominal,
+                *(row.failures[kind] for kind in KIND_TITLES),
+            )
+            for row in rows
+        ],
+    )
+
+
+def _policies(rows: Sequence[Evaluation], max_draws: int) -> DataTable:
+    found = []
+    for row in rows:
+        nominal, guided = row.policies["nominal"], row.policies["guided"]
+        found.append(
+            (
+                size_title(row.size),
+                nominal.generated,
+                nominal.met,
+                guided.generated,
+                guided.met_at_once,
+                guided.met,
+                guided.most_draws,
+                1000 * row.least_margin,
+            )
+        )
+    return DataTable(
+        "bridge_policies",
+        "Policies of these trials that end with q_task and q_safe below their bounds, and the least margin to any "
+        "failure over everything that guided trials executed.",
+        (
+            "N",
+            "nominal policies",
+            "both met",
+            "guided policies",
+            "both met, first draw",
+            f"both met, <= {max_draws} draws",
+            "most draws",
+            "least margin, guided (mm)",
+        ),
+        found,
+    )
+
+
+def _caption(trials: int) -> str:
+    return (
+        f"Trials that bridge the gap: ours ({trials} for each N) and the paper's ({PAPER_TRIALS} for each N), with "
+        "95% Wilson intervals, those of the paper's counts computed here."
+    )
+
+
+def _figure(rows: Sequence[Evaluation]) -> Any:
+    bars = []
+    for name, colour, counts in (
+        ("nominal", NOMINAL, PAPER_NOMINAL),
+        ("guided", GUIDED, PAPER_GUIDED),
+    ):
+        quoted = [Rate(counts[row.size], PAPER_TRIALS) for row in rows]
+        ours = [row.rate(getattr(row, name)) for row in rows]
+        bars += [
+            SuccessBars(f"{name} (paper)", colour, quoted, quoted=True),
+            SuccessBars(f"{name} (ours)", colour, ours),
+        ]
+    return success_bars([size_title(row.size) for row in rows], bars)

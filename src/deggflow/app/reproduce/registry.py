@@ -1,0 +1,31 @@
+"""Every experiment, in the order of the report."""
+
+from importlib.resources import files
+from pathlib import Path
+
+from . import bridge, deviation, examples, rivals, tabletop
+from .curves import Sources, TrainingCurves
+from .run import Entry
+
+
+def weights(task: str) -> Path:
+    """The shipped weights of a task."""
+    return Path(str(files("deggflow.tasks"))) / task / "weights" / "field.safetensors"
+
+
+def entries(sources: Sources) -> tuple[Entry, ...]:
+    """All experiments with the files that their results depend on.
+
+    Args:
+        sources: Training curves to show, by task and seed.
+    """
+    on_bridge, on_table = (weights("bridge"),), (weights("tabletop"),)
+    curves = tuple(path for of_seeds in sources.values() for path in of_seeds.values())
+    return (
+        *(Entry(each, on_bridge) for each in bridge.EXPERIMENTS),
+        *(Entry(each, on_table) for each in tabletop.EXPERIMENTS),
+        *(Entry(each, on_table) for each in examples.EXPERIMENTS),
+        Entry(TrainingCurves(sources), curves),
+        *(Entry(each, on_table) for each in deviation.EXPERIMENTS),
+        *(Entry(each, on_table) for each in rivals.EXPERIMENTS),
+    )

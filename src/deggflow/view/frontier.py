@@ -1,0 +1,71 @@
+"""Failures against deviation, of many ways to guide."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from deggflow.statistics import Rate
+
+from .style import PAGE, look, new_figure
+
+FLOOR = 0.1  # %, where a way without a failure is drawn
+
+
+class FrontierPoint(NamedTuple):
+    """One setting of a way's knob."""
+
+    rate: Rate  # of success
+    transport: float  # W2 to the nominal samples
+    chosen: bool  # the setting that stands in tables
+
+
+class FrontierSeries(NamedTuple):
+    """One way to guide; its points in the order of its knob."""
+
+    label: str
+    colour: str
+    marker: str
+    points: Sequence[FrontierPoint]
+    joined: bool  # there is but one knob: a line makes sense
+
+
+@look()
+def frontier(panels: Sequence[tuple[str, Sequence[FrontierSeries]]], *, unit: str) -> Figure:
+    """Share of failures over the distance from nominal; the best ways are at the lower left.
+
+    Args:
+        panels: Title and ways of each set of axes.
+        unit: Of the distance.
+    """
+    figure, row = new_figure(3.6, width=PAGE, columns=len(panels), sharey=True)
+    for axes, (title, series) in zip(row, panels, strict=True):
+        for each in series:
+            _draw(axes, each)
+        axes.set(yscale="log", ylim=(FLOOR / 1.5, 130), title=title)
+        axes.set_xlim(left=0)
+        axes.set_xlabel(f"$W_2$ to nominal ({unit})")
+        axes.set_yticks([FLOOR, 1, 10, 100], ["none", "1", "10", "100"])
+    row[0].set_ylabel("failed (%)")
+    handles, labels = max(
+        (axes.get_legend_handles_labels() for axes in row), key=lambda e: len(e[0])
+    )
+    figure.legend(handles, labels, loc="outside upper center", ncols=4)
+    return figure
+
+
+def _draw(axes: Axes, series: FrontierSeries) -> None:
+    x = [point.transport for point in series.points]
+    y = [max(100 * (1 - point.rate.share), FLOOR) for point in series.points]
+    line = "-" if series.joined else "none"
+    axes.plot(x, y, color=series.colour, linestyle=line, linewidth=0.9, alpha=0.7, zorder=2)
+    for k, point in enumerate(series.points):
+        low, high = point.rate.interval()
+        ends = [max(100 * (1 - end), FLOOR) for end in (high, low)]
+        axes.plot([x[k]] * 2, ends, color=series.colour, linewidth=0.6, alpha=0.35, zorder=1)
+        face = series.colour if point.chosen else "white"
+        axes.plot(
+            x[k], y[k], series.marker, color=series.colour, markerfacecolor=face, markersize=4.5, zorder=3
+        )  # fmt: skip
+    axes.plot([], [], series.marker, color=series.colour, label=series.label, linestyle=line)

@@ -1,0 +1,141 @@
+"""Figures of the report: what is given is drawn, with its interval, its colour and its unit."""
+
+import numpy as np
+import pytest
+
+from deggflow.statistics import Rate
+from deggflow.view.bands import Band, CurvePanel, band_of, draw_bands
+from deggflow.view.distances import (
+    BoundLine,
+    Measured,
+    RatioSeries,
+    draw_bounds_over_size,
+    draw_ratios,
+)
+from deggflow.view.evolution import LEAST, ViolationCurves, draw_violations
+from deggflow.view.rates import RateSeries, rates_by_name, rates_over_size
+from deggflow.view.sheet import picture_row
+from deggflow.view.style import GUIDED, NOMINAL, OTHERS, written
+
+RATES = {4: Rate(44, 50), 8: Rate(8, 50)}
+
+
+def drawn_bars(axes):
+    """Of each error bar: middle points and the ends of its intervals."""
+    for container in axes.containers:
+        line, _, (bars,) = container
+        if np.isfinite(np.asarray(line.get_ydata(), float)).all():
+            yield container, line, np.array(bars.get_segments())
+
+
+def test_rates_stand_with_their_wilson_intervals():
+    ours, theirs = RateSeries("ours", GUIDED, RATES), RateSeries("paper", GUIDED, RATES, True)
+    axes = rates_over_size([ours, theirs], seen=6).axes[0]
+    found = list(drawn_bars(axes))
+    assert len(found) == 2
+    for (_, line, segments), hollow in zip(found, (False, True), strict=True):
+        np.testing.assert_allclose(line.get_ydata(), [88, 16])
+        ends = [[100 * end for end in rate.interval()] for rate in RATES.values()]
+        np.testing.assert_allclose(segments[:, :, 1], ends)
+        assert np.round(line.get_xdata()).tolist() == [4, 8]
+        assert line.get_color() == GUIDED
+        assert line.get_linestyle() == ("None" if hollow else "-")
+        assert line.get_markerfacecolor() == ("white" if hollow else GUIDED)
+    assert "%" in axes.get_ylabel()
+    names = [text.get_text() for text in axes.figure.legends[0].get_texts()]
+    assert names == ["ours", "paper"]
+
+
+def test_rates_of_names_are_drawn_in_their_order_from_above():
+    rates = {"one": Rate(1, 2), "other": Rate(2, 2)}
+    axes = rates_by_name([RateSeries("ours", NOMINAL, rates)]).axes[0]
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["one", "other"]
+    ((_, line, _),) = drawn_bars(axes)
+    np.testing.assert_allclose(line.get_xdata(), [50, 100])
+    assert axes.get_ylim()[0] > axes.get_ylim()[1]
+
+
+def test_violations_have_a_logarithmic_axis_and_the_colours_of_their_methods():
+    tau = np.linspace(0, 1, 5)
+    curves = ViolationCurves(tau, tau + 1, 1 - tau, 2 - 2 * tau, 2e-4)
+    axes = draw_violations(curves).axes[0]
+    assert axes.get_yscale() == "log"
+    assert axes.get_ylim()[0] == LEAST
+    assert "m$^2$" in axes.get_ylabel()
+    nominal, guided, bound, enough = axes.lines
+    assert (nominal.get_color(), guided.get_color()) == (NOMINAL, GUIDED)
+    np.testing.assert_allclose(nominal.get_ydata(), tau + 1)
+    assert 0 < guided.get_ydata()[-1] < LEAST
+    assert bound.get_linestyle() == "--"
+    np.testing.assert_allclose(enough.get_ydata(), 2e-4)
+    with pytest.raises(ValueError, match="one length"):
+        draw_violations(curves._replace(tau=tau[:3]))
+
+
+def test_pictures_of_one_size_stand_in_a_row_without_empty_rows():
+    images = [np.full((60, 80, 3), 255, np.uint8) for _ in range(2)]
+    images[0][30:40, 5] = 0
+    images[1][20:25, 9] = 0
+    figure = picture_row(
+        images, ("a", "b"), ("short", "a caption that is longer than its picture" * 3)
+    )
+    shown = [axes.images[0].get_array() for axes in figure.axes]
+    assert {image.shape for image in shown} == {(22, 80, 3)}  # rows 19 to 40: one more at both ends
+    np.testing.assert_array_equal(shown[0], images[0][19:41])
+    assert [axes.get_title() for axes in figure.axes] == ["a", "b"]
+    assert "\n" in figure.axes[1].get_xlabel()
+    with pytest.raises((ValueError, TypeError)):  # TypeError: of the checks that tests switch on
+        picture_row([images[0], images[1][1:]], ("a", "b"), ("", ""))
+    blank = picture_row([np.zeros((6, 8, 3), np.uint8)], ("a",), ("",))
+    assert blank.axes[0].images[0].get_array().shape == (6, 8, 3)
+
+
+def test_bands_lie_one_deviation_around_the_mean_and_one_seed_has_none():
+    steps, losses = np.arange(1, 6) * 500, np.random.default_rng(0).random((3, 5))
+    band = band_of(steps, losses)
+    alone = Band(steps, losses[0], None)
+    with_band, without = draw_bands(
+        [CurvePanel("three", band, band), CurvePanel("one", alone, alone)], width=7.0
+    ).axes
+    assert (len(with_band.collections), len(without.collections)) == (2, 0)
+    vertices = with_band.collections[0].get_paths()[0].vertices
+    ends = band.mean - band.deviation, band.mean + band.deviation
+    assert vertices[:, 1].min() == pytest.approx(ends[0].min())
+    assert vertices[:, 1].max() == pytest.approx(ends[1].max())
+    np.testing.assert_allclose(with_band.lines[0].get_xdata(), steps / 1000)
+
+
+def test_ratios_are_in_percent_with_their_intervals_beside_the_papers():
+    ours = {4: Measured(0.2, 0.1, 0.4), 8: Measured(0.3, 0.2, 0.5)}
+    left = RatioSeries("z", OTHERS[0], ours, {4: 0.206})
+    right = RatioSeries("z", OTHERS[0], ours, {}, (0.98, 1.0))
+    one, other = draw_ratios([("W2 (%)", [left]), ("spread (%)", [right])]).axes
+    ((_, line, segments),) = drawn_bars(one)
+    np.testing.assert_allclose(line.get_ydata(), [20, 30])
+    np.testing.assert_allclose(segments[:, :, 1], [[10, 40], [20, 50]])
+    (quoted,) = (
+        line for line in one.lines if len(line.get_xdata()) == 1 and line.get_color() == OTHERS[0]
+    )
+    np.testing.assert_allclose(quoted.get_ydata(), [20.6])
+    assert other.patches[0].get_y() == pytest.approx(98)
+    assert other.patches[0].get_height() == pytest.approx(2)
+
+
+def test_bounds_are_drawn_in_powers_of_ten_and_told_from_what_is_measured():
+    lines = [
+        BoundLine("W2", {4: np.log(0.1), 8: np.log(1.0)}, False),
+        BoundLine("bound", {4: np.log(1e7), 8: 2_000.0}, True),
+    ]
+    axes = draw_bounds_over_size(lines).axes[0]
+    measured, bound = axes.lines
+    np.testing.assert_allclose(measured.get_ydata(), [-1, 0], atol=1e-12)
+    np.testing.assert_allclose(bound.get_ydata(), [7, 2_000 / np.log(10)])
+    assert measured.get_color() != bound.get_color()
+
+
+@pytest.mark.parametrize("kind", ["png", "pdf"])
+def test_a_figure_is_written_the_same_twice(kind):
+    def figure():
+        return rates_by_name([RateSeries("ours", NOMINAL, {"one": Rate(1, 2)})])
+
+    assert written(figure(), kind) == written(figure(), kind)
