@@ -43,7 +43,7 @@ def test_ways_are_measured_on_the_same_cases(monkeypatch):
     assert [row["method"] for row in whole["rows"]] == [each.name for each in few]
     assert whole["seed"] == 3
     assert swept["seed"] == 1003
-    knobs = [dict(knob) for each in few for knob in each.grid]
+    knobs = [dict(knob) for each in few for knob in each.grid[::3]]
     assert [row["knob"] for row in swept["rows"]] == knobs
     assert len(said) == len(few) + len(knobs)
 

@@ -39,9 +39,10 @@ def picture_row(
     height, across, _ = cropped[0].shape
     each = width / len(images)
     lines = [fill(caption, int(_CAPTION * each)) for caption in captions]
-    below = _LINE * max(line.count("\n") + 1 for line in lines)
+    most = max(line.count("\n") for line in lines)
+    lines = [line + "\n" * (most - line.count("\n")) for line in lines]  # so that all are level
     figure, row = new_figure(
-        each * height / across + _HEAD + below, width=width, columns=len(images)
+        each * height / across + _HEAD + _LINE * (most + 1), width=width, columns=len(images)
     )
     for axes, image, title, line in zip(row, cropped, titles, lines, strict=True):
         axes.imshow(image)
