@@ -17,7 +17,7 @@ from deggflow.app.reproduce.evolution import evolution, first_pair, in_words
 from deggflow.app.reproduce.examples import LeftHanded, left_handed, pairs_apart
 from deggflow.app.reproduce.experiment import UNMET, Settings
 from deggflow.app.reproduce.retrain import plan
-from deggflow.app.reproduce.words import from_log, scientific, share
+from deggflow.app.reproduce.words import from_log, listed, scientific, share
 from deggflow.deviation import Deviation
 from deggflow.jsonl import InputError
 from deggflow.statistics import Rate
@@ -235,7 +235,7 @@ def test_the_deviation_stands_beside_the_papers_and_below_its_bounds():
     assert line["theorem's bound"] == "3.9·10⁸⁶⁸"  # e^2000
     assert line["L_D W2"] == pytest.approx(1.35 * 0.5)
     text = " ".join(section.text)
-    assert "N = 4: 12.0% instead of 8.4%; N = 8: 24.0% instead of 16.8%" in text
+    assert "12.0% instead of 8.4% (N = 4) and 24.0% instead of 16.8% (N = 8)" in text
     assert "the same integral is 2 times W2" in text
     states, poses = section.summary
     assert states.paper == "20.6% and 34.5%; 98.3% to 99.9%"
@@ -256,6 +256,7 @@ def test_a_sample_above_the_bound_that_holds_for_its_steps_is_told():
 def test_rates_and_small_numbers_are_said_as_one_says_them():
     assert (share(Rate(44, 50)), share(None)) == ("88%", None)
     assert share(Rate(112, 250)) == "44.8%"
+    assert listed([Rate(112, 1_000), Rate(1_000, 1_000)]) == "11.2% / 100.0% of 1,000"
     assert scientific(BUFFER**2 / 2) == "2.0·10⁻⁴"
     numbers = (0.0, 0.0123, 3.0, 999.0, 1234.5, -2e-7)
     assert [scientific(x) for x in numbers] == ["0", "0.0123", "3", "999", "1.2·10³", "-2.0·10⁻⁷"]

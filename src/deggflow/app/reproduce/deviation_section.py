@@ -191,8 +191,8 @@ def _differences(rows: Sequence[Mapping[str, Any]]) -> str:
     ends = [row for row in (rows[0], rows[-1]) if "own" in row]
     if not ends:
         return text
-    shares = "; ".join(
-        f"N = {row['size']}: {100 * row['own']['states']['ratio']:.1f}% instead of {100 * row['many']['states']['ratio']:.1f}%"
+    shares = " and ".join(
+        f"{100 * row['own']['states']['ratio']:.1f}% instead of {100 * row['many']['states']['ratio']:.1f}% (N = {row['size']})"
         for row in ends
     )
     return (

@@ -13,8 +13,8 @@ def share(rate: Rate | None) -> str | None:
 
 
 def listed(rates: list[Rate]) -> str:
-    """Rates beside each other, in one line of the summary."""
-    return " / ".join(f"{100 * rate.share:.1f}%" for rate in rates)
+    """Rates out of equally many cases, in one line of the summary."""
+    return " / ".join(f"{100 * rate.share:.1f}%" for rate in rates) + f" of {rates[0].cases:,}"
 
 
 def cases(count: int) -> str:
