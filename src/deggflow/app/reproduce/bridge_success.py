@@ -11,10 +11,10 @@ from deggflow.view.bridge import SuccessBars, success_bars
 from deggflow.view.style import GUIDED, NOMINAL
 
 from .experiment import UNMET, DataTable, Finding, Plot, Progress, Section, Settings
+from .paper import CASES, TASK1_SUCCESS, overall
 
-PAPER_TRIALS = 50  # a row of tab:task1_results
-PAPER_NOMINAL = {4: 46, 5: 45, 6: 43, 7: 42, 8: 42}  # of these, tab:task1_results
-PAPER_GUIDED = {4: 50, 5: 50, 6: 50, 7: 50, 8: 50}
+PAPER_NOMINAL = {size: row.nominal for size, row in TASK1_SUCCESS.items()}
+PAPER_GUIDED = {size: row.guided for size, row in TASK1_SUCCESS.items()}
 TRAINED = (4, 5, 6)  # robots, of the paper's field and of ours
 TRIALS, QUICK_TRIALS = 128, 3  # a row; 128 trials fill one compiled batch
 QUICK_SIZES = (4, 8)
@@ -99,10 +99,9 @@ def _overall(rows: Sequence[Evaluation]) -> tuple[Rate, Rate]:
 
 def _paper_overall(rows: Sequence[Evaluation]) -> tuple[Rate, Rate]:
     """The paper's, of the same sizes."""
-    trials = PAPER_TRIALS * len(rows)
     return (
-        Rate(sum(PAPER_NOMINAL[row.size] for row in rows), trials),
-        Rate(sum(PAPER_GUIDED[row.size] for row in rows), trials),
+        overall([PAPER_NOMINAL[row.size] for row in rows]),
+        overall([PAPER_GUIDED[row.size] for row in rows]),
     )
 
 
@@ -137,8 +136,8 @@ def _success(rows: Sequence[Evaluation]) -> DataTable:
                 row.guided,
                 str(row.rate(row.guided)),
                 len(row.refuted),
-                _of_paper(Rate(PAPER_NOMINAL[row.size], PAPER_TRIALS)),
-                _of_paper(Rate(PAPER_GUIDED[row.size], PAPER_TRIALS)),
+                _of_paper(PAPER_NOMINAL[row.size]),
+                _of_paper(PAPER_GUIDED[row.size]),
             )
         )
     nominal, guided = _overall(rows)
@@ -216,18 +215,18 @@ def _policies(rows: Sequence[Evaluation], max_draws: int) -> DataTable:
 
 def _caption(trials: int) -> str:
     return (
-        f"Trials that bridge the gap: ours ({trials} for each N) and the paper's ({PAPER_TRIALS} for each N), with "
+        f"Trials that bridge the gap: ours ({trials} for each N) and the paper's ({CASES} for each N), with "
         "95% Wilson intervals, those of the paper's counts computed here."
     )
 
 
 def _figure(rows: Sequence[Evaluation]) -> Any:
     bars = []
-    for name, colour, counts in (
+    for name, colour, rates in (
         ("nominal", NOMINAL, PAPER_NOMINAL),
         ("guided", GUIDED, PAPER_GUIDED),
     ):
-        quoted = [Rate(counts[row.size], PAPER_TRIALS) for row in rows]
+        quoted = [rates[row.size] for row in rows]
         ours = [row.rate(getattr(row, name)) for row in rows]
         bars += [
             SuccessBars(f"{name} (paper)", colour, quoted, quoted=True),
