@@ -1,6 +1,7 @@
 """The report's sections on rivals: what is measured, and what is said of it."""
 
 import json
+from typing import NamedTuple
 
 import pytest
 
@@ -88,6 +89,13 @@ def test_the_frontier_has_every_setting_in_its_table_and_marks_the_best():
     assert axes.get_xlim()[1] < 1.0
 
 
+class Row(NamedTuple):
+    number: int
+
+    def to_json(self):
+        return self._asdict()
+
+
 def test_rows_of_a_stopped_measurement_are_kept_and_those_of_another_thrown_away(tmp_path):
     settings, done = Settings(folder=tmp_path), []
 
@@ -96,7 +104,7 @@ def test_rows_of_a_stopped_measurement_are_kept_and_those_of_another_thrown_away
             if stops:
                 raise KeyboardInterrupt
             done.append(number)
-            return {"number": number}
+            return Row(number)
 
         return run
 

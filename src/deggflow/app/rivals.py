@@ -1,6 +1,6 @@
 """`deggflow tabletop rivals`: every way to guide, swept over its own knob."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -44,22 +44,11 @@ def rivals(
             raise InputError(f"--methods: {name!r} is none of {', '.join(map(repr, names))}")
     prepare_jax()
     from deggflow.tasks.tabletop.field import load_field
-    from deggflow.tasks.tabletop.frontier import Cases, Point, draw_cases, measure
-    from deggflow.tasks.tabletop.rivals import Knob, Method
+    from deggflow.tasks.tabletop.frontier import jobs
 
     wanted = [method for method in METHODS if not methods or method.name in methods]
-    field, drawn = load_field(), dict[int, Cases]()
-
-    def job(method: Method, knob: Knob, size: int) -> Callable[[], Point]:
-        def run() -> Point:
-            if size not in drawn:
-                drawn[size] = draw_cases(field, size, "changed", cases, seed)
-            return measure(field, method, knob, drawn[size])
-
-        return run
-
     grid = [
-        (method, knob, size)
+        (size, method, knob)
         for size in sizes
         for method in wanted
         for knob in ((method.setting(size),) if chosen else method.grid)
@@ -68,9 +57,9 @@ def rivals(
         "command": "tabletop rivals",
         "cases": cases,
         "seed": seed,
-        "rows": [[method.name, dict(knob), size] for method, knob, size in grid],
+        "rows": [[size, method.name, dict(knob)] for size, method, knob in grid],
     }
-    found = run_jobs([job(*point) for point in grid], settings, out)
+    found = run_jobs(jobs(load_field(), grid, cases, seed), settings, out)
     _show(found, cases, seed)
     return SATISFIED
 
@@ -78,7 +67,7 @@ def rivals(
 def _show(found: list[Mapping[str, Any]], cases: int, seed: int) -> None:
     from rich.table import Table
 
-    from deggflow.tasks.tabletop.frontier import Point, best
+    from deggflow.tasks.tabletop.frontier import Point, best, in_words
 
     points = [Point(**row) for row in found]
     groups: dict[tuple[int, str], list[Point]] = {}
@@ -92,11 +81,10 @@ def _show(found: list[Mapping[str, Any]], cases: int, seed: int) -> None:
     for heading in ("N", "way", "setting", "success", "worst", "diverged", "W2", "time", "draws"):
         table.add_column(heading, no_wrap=True)
     for point in points:
-        knob = ", ".join(f"{name} {value:g}" for name, value in point.knob.items())
         table.add_row(
             str(point.size),
             point.method,
-            knob + (" *" if any(point is star for star in stars) else ""),
+            in_words(point.knob) + (" *" if any(point is star for star in stars) else ""),
             str(point.rate()),
             f"{1000 * point.worst:.1f} mm",
             str(point.diverged),

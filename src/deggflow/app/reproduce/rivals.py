@@ -1,11 +1,10 @@
 """Ways to guide, side by side: at the settings found for them, and swept over their own knobs."""
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import cache
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from deggflow.tasks.tabletop.field import load_field
-from deggflow.tasks.tabletop.frontier import CHUNK, Cases, Point, best, draw_cases, measure
+from deggflow.tasks.tabletop.frontier import CHUNK, Point, best, in_words, jobs
 from deggflow.tasks.tabletop.rivals import METHODS, Knob, Method
 from deggflow.view.frontier import FrontierPoint, FrontierSeries, frontier
 from deggflow.view.style import GREY, GUIDED, NOMINAL, OTHERS
@@ -73,7 +72,7 @@ class Rivals:
             "rivals_sources",
             "Where each way comes from, and the settings that were tried.",
             ("way", "source", "settings tried"),
-            [[m.name, m.source, "; ".join(map(_words, m.grid))] for m in METHODS],
+            [[m.name, m.source, "; ".join(map(in_words, m.grid))] for m in METHODS],
         )
         biggest = max(point.size for point in points)
         ours, others = _sides(points, biggest)
@@ -123,7 +122,7 @@ class RivalsFrontier:
             ("N", "way", "setting", "success", "worst, mm", "diverged", "W2", "best", "in tables"),
             [
                 [
-                    p.size, p.method, _words(p.knob), str(p.rate()), _millimetres(p.worst), p.diverged, _two(p.transport),
+                    p.size, p.method, in_words(p.knob), str(p.rate()), _millimetres(p.worst), p.diverged, _two(p.transport),
                     "yes" if any(p is star for star in stars) else "", "yes" if _chosen(p) else "",
                 ]
                 for p in points
@@ -176,26 +175,14 @@ def _measured(
     grid: Sequence[tuple[int, Method, Knob]],
     say: Progress,
 ) -> dict[str, Any]:
-    field = load_field()
-
-    @cache
-    def cases(size: int) -> Cases:
-        return draw_cases(field, size, "changed", count, seed)
-
-    def job(size: int, method: Method, knob: Knob) -> Callable[[], Mapping[str, Any]]:
-        def run() -> Mapping[str, Any]:
-            say(f"N = {size}, {method.name}, {_words(knob)}, {count} cases")
-            return measure(field, method, knob, cases(size)).to_json()
-
-        return run
-
     wanted = {
         "cases": count,
         "seed": seed,
         "code": code_digest(),
         "rows": [[size, method.name, dict(knob)] for size, method, knob in grid],
     }
-    rows = kept_rows(settings, name, wanted, [job(*point) for point in grid])
+    todo = jobs(load_field(), grid, count, seed, say)
+    rows = kept_rows(settings, name, wanted, todo)
     return {"cases": count, "seed": seed, "rows": rows}
 
 
@@ -210,10 +197,6 @@ def _settings(way: Method, settings: Settings) -> tuple[Knob, ...]:
     return (way.default,) if way.ours else way.grid[::3]
 
 
-def _words(knob: Knob) -> str:
-    return ", ".join(f"{name} {value:g}" for name, value in knob.items())
-
-
 def _millimetres(metres: float) -> float:
     return round(1000 * metres, 2)
 
@@ -226,7 +209,7 @@ def _line(point: Point, nominal: float) -> list[Any]:
     return [
         point.size,
         point.method,
-        _words(point.knob),
+        in_words(point.knob),
         str(point.rate()),
         _millimetres(point.worst),
         point.diverged,

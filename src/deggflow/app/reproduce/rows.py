@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from deggflow.app.runs import Written
 from deggflow.jsonl import InputError, ResumableOutput
 
 from .experiment import Settings
@@ -12,7 +13,7 @@ def kept_rows(
     settings: Settings,
     name: str,
     wanted: Mapping[str, Any],
-    jobs: Sequence[Callable[[], Mapping[str, Any]]],
+    jobs: Sequence[Callable[[], Written]],
 ) -> list[Mapping[str, Any]]:
     """The jobs' rows in order; those that an earlier, stopped call measured are taken from its file.
 
@@ -23,7 +24,7 @@ def kept_rows(
         jobs: What makes each row.
     """
     if settings.folder is None:
-        return [job() for job in jobs]
+        return [job().to_json() for job in jobs]
     path = settings.folder / f"{name}.rows.jsonl"
     try:
         kept = ResumableOutput(path, wanted)
@@ -32,7 +33,7 @@ def kept_rows(
         kept = ResumableOutput(path, wanted)
     with kept as lines:
         for job in jobs[len(lines.finished) :]:
-            row = job()
+            row = job().to_json()
             lines.append([row])
             lines.finished.append(row)
         return lines.finished

@@ -1,8 +1,9 @@
 """Success against deviation: every way to guide on the same field, z(0) and requirements."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import cache
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -126,6 +127,37 @@ def measure(field: Field, method: Method, knob: Knob, cases: Cases) -> Point:
         seconds=drawn.seconds / count,
         draws=drawn.draws / count,
     )
+
+
+def jobs(
+    field: Field,
+    grid: Sequence[tuple[int, Method, Knob]],
+    cases: int,
+    seed: int,
+    say: Callable[[str], None] = lambda text: None,
+) -> list[Callable[[], Point]]:
+    """One measurement for each size, way and setting; the cases of a size are drawn once, when they are needed.
+
+    `say` is told of each measurement as it begins.
+    """
+
+    @cache
+    def of_size(size: int) -> Cases:
+        return draw_cases(field, size, "changed", cases, seed)
+
+    def job(size: int, method: Method, knob: Knob) -> Callable[[], Point]:
+        def run() -> Point:
+            say(f"N = {size}, {method.name}, {in_words(knob)}, {cases} cases")
+            return measure(field, method, knob, of_size(size))
+
+        return run
+
+    return [job(*setting) for setting in grid]
+
+
+def in_words(knob: Knob) -> str:
+    """A setting as it is read."""
+    return ", ".join(f"{name} {value:g}" for name, value in knob.items())
 
 
 def _until_satisfied(field: Field, way: Way, cases: Cases) -> _Samples:
