@@ -16,7 +16,7 @@ QUICK = Settings(seed=3, quick=True)
 
 def point(method, satisfied, transport, *, size=8, draws=1.0, knob=None):
     (way,) = [each for each in METHODS if each.name == method]
-    setting = dict(way.setting(size) if knob is None else knob)
+    setting = dict(way.default if knob is None else knob)
     return Point(
         method, setting, size, 100, satisfied, 0, 0.01, transport, transport, 0.02, draws
     ).to_json()

@@ -94,7 +94,4 @@ def test_the_best_setting_has_the_most_successes_then_the_least_transport():
 def test_every_rival_stands_in_tables_at_a_setting_of_its_grid():
     for method in METHODS:
         assert method.default in method.grid
-        assert method.crowded in method.grid
-        assert method.setting(8) == method.default
-        assert method.setting(12) == method.crowded
     assert len({method.name for method in RIVALS}) == len(RIVALS) == 7

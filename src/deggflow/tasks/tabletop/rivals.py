@@ -30,7 +30,6 @@ from .margins import HingeViolation, scene_margins
 from .requirements import LOCAL, OWN, POOLED
 from .verdict import BUFFER
 
-TRAINED_AND_UNSEEN = 8  # largest size for which the settings found at N = 8 stand
 COLUMNS = 32  # of multipliers per object; hold all constraints of every padded size
 AHEAD = 0.005  # m above h = 0 that barriers and projections aim at: their rows have no room to rounding otherwise
 
@@ -72,13 +71,8 @@ class Method:
     knows: str  # what an agent, or whoever computes its input, must know besides its own state and field
     make: Callable[[Knob], Way]
     default: Knob  # of ours: what ships; of rivals: the best of the grid at N = 8
-    crowded: Knob  # likewise at N = 12
     grid: tuple[Knob, ...]
     ours: bool = False
-
-    def setting(self, size: int) -> Knob:
-        """The setting that stands for the method in tables."""
-        return self.default if size <= TRAINED_AND_UNSEEN else self.crowded
 
 
 def _number(knob: Knob, name: str) -> Float[Array, ""]:
@@ -149,54 +143,54 @@ _GAINS = _grid(gain=(0.5, 1.0, 2.0, 4.0, 8.0))
 PROPOSED = (
     Method(
         "pooled", "this library", "neighbours' states; two sums over the team",
-        _ours(POOLED, reanchored=True), _SHIPPED, _SHIPPED, _OURS, ours=True,
+        _ours(POOLED, reanchored=True), _SHIPPED, _OURS, ours=True,
     ),
     Method(
         "predict, then pooled", "SafeFlowMatcher's phases, this library's guidance", "neighbours' states; two sums over the team",
-        _corrected_by_ours, _AFTERWARDS, _AFTERWARDS,
+        _corrected_by_ours, _AFTERWARDS,
         _grid(buffer=(BUFFER, 0.005), power=(1.0,), pull=(0.0, 2.0)), ours=True,
     ),
     Method(
         "local", "this library", "neighbours' states; two sums over neighbours",
-        _ours(LOCAL, reanchored=True), _SHIPPED, _SHIPPED, (_SHIPPED,), ours=True,
+        _ours(LOCAL, reanchored=True), _SHIPPED, (_SHIPPED,), ours=True,
     ),
     Method(
         "own", "the paper (PE guidance)", "neighbours' states",
-        _ours(OWN, reanchored=False), _SHIPPED, _SHIPPED, (_SHIPPED,), ours=True,
+        _ours(OWN, reanchored=False), _SHIPPED, (_SHIPPED,), ours=True,
     ),
 )  # fmt: skip
 RIVALS = (
     Method(
         "joint barrier QP", "SafeFlow, arXiv:2504.08661", "all states and fields, in one solver",
-        _joint, {"gain": 2.0}, {"gain": 2.0}, _GAINS,
+        _joint, {"gain": 2.0}, _GAINS,
     ),
     Method(
         "predict, then correct", "SafeFlowMatcher, arXiv:2509.24243", "all states and fields, in one solver",
-        _corrected, {"gain": 2.0, "pull": 0.0}, {"gain": 2.0, "pull": 0.0},
+        _corrected, {"gain": 2.0, "pull": 0.0},
         _grid(gain=(1.0, 2.0, 4.0), pull=(0.0, 2.0)),
     ),
     Method(
         "dual flow", "Lagrangian dual flows", "neighbours' states and multipliers",
-        _dual, {"gain": 2.0, "damping": 4.0}, {"gain": 2.0, "damping": 4.0},
+        _dual, {"gain": 2.0, "damping": 4.0},
         _grid(gain=(0.5, 2.0, 8.0), damping=(1.0, 4.0)),
     ),
     Method(
         "endpoint projection", "PCFM, arXiv:2506.04171", "all states and fields, in one solver",
-        _projected, {"start": 0.9999, "iterations": 5.0}, {"start": 0.9999, "iterations": 5.0},
+        _projected, {"start": 0.9999, "iterations": 5.0},
         _grid(start=(0.0, 0.5, 0.9999), iterations=(5.0,)),
     ),
     Method(
         "penalty gradient", "universal guidance (Bansal et al. 2024)", "neighbours' states",
-        _penalty, {"gain": 2.0}, {"gain": 2.0},
+        _penalty, {"gain": 2.0},
         _grid(gain=(0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 60.0)),
     ),
     Method(
         "equal split with slack", "dec_share_cbf of GCBF+, arXiv:2401.14554", "neighbours' states and fields",
-        _split, {"gain": 2.0}, {"gain": 2.0}, _GAINS,
+        _split, {"gain": 2.0}, _GAINS,
     ),
     Method(
         "rejection sampling", "the nominal model, drawn again", "nothing while generating",
-        _rejection, {"draws": 16.0}, {"draws": 16.0}, _grid(draws=(1.0, 4.0, 16.0)),
+        _rejection, {"draws": 16.0}, _grid(draws=(1.0, 4.0, 16.0)),
     ),
 )  # fmt: skip
 METHODS = (*PROPOSED, *RIVALS)
