@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deggflow.guidance import Local, Own, Pooled
+from deggflow.guidance import Local, LocalPairs, Own, Pooled
 
 AGENTS = 5
 amounts = st.lists(st.floats(0, 10, width=32), min_size=AGENTS, max_size=AGENTS)
@@ -13,7 +13,10 @@ links = st.lists(st.booleans(), min_size=AGENTS**2, max_size=AGENTS**2)
 
 def allocations(linked):
     dependence = jnp.array(linked).reshape(AGENTS, AGENTS) | jnp.eye(AGENTS, dtype=bool)
-    return Own(), Pooled(), Local(lambda z, condition: dependence)
+    owner, agent = (jnp.asarray(k) for k in np.indices((AGENTS, AGENTS)).reshape(2, -1))
+    pairs = (owner, agent, dependence.ravel())
+    local = Local(lambda z, condition: dependence)
+    return Own(), Pooled(), local, LocalPairs(lambda z, condition: pairs)
 
 
 @settings(max_examples=60, deadline=None)
@@ -32,6 +35,14 @@ def test_an_agent_without_influence_owes_nothing_while_somebody_can_act(demand, 
     influence = jnp.array(influence).at[0].set(0.0).at[1].set(1.0)
     share = Pooled()(jnp.array(demand), influence, jnp.zeros((AGENTS, 2)), None)
     assert share[0] == 0
+
+
+@settings(max_examples=60, deadline=None)
+@given(amounts, amounts, links)
+def test_a_list_of_pairs_shares_as_the_matrix_does(demand, influence, linked):
+    _, _, local, pairs = allocations(linked)
+    given = jnp.array(demand), jnp.array(influence), jnp.zeros((AGENTS, 2)), None
+    np.testing.assert_allclose(pairs(*given), local(*given), rtol=1e-5, atol=1e-6)
 
 
 def test_local_demand_stays_among_those_it_depends_on():

@@ -73,6 +73,29 @@ def test_rows_together_imply_the_decay_of_v(name, reanchored, key):
     assert decay <= -c * omega * total(z) ** RHO * (1 - 1e-3)
 
 
+@pytest.mark.parametrize("name", ALLOCATIONS)
+def test_separate_demands_add_up_to_that_of_v(name, key):
+    """dV/dtau <= -kappa / (1 - rho) omega V / int_tau^1 omega, though no owner knows V."""
+    one = PrivateRequirement(violation=violation, allocation=ALLOCATIONS[name], separate=True)
+    guidance = DecoupledGuidance((one,))
+    z, tau, condition = jax.random.normal(key, (AGENTS, 2)), jnp.asarray(0.4), jnp.eye(2)
+    drift = crowd(tau, z, condition)
+    correction, report = guidance(guidance.init(z, condition), tau, z, drift, condition)
+    assert not jnp.any(report.infeasible)
+    total, decay = jax.jvp(lambda z: jnp.sum(violation(z, condition)), (z,), (drift + correction,))
+    omega, remaining = 0.1 + 1.8 * tau, (1 - tau) * 0.1 + 0.9 * (1 - tau**2)
+    wanted = KAPPA / (1 - RHO) * omega * total / remaining
+    assert total > 0
+    assert decay <= -wanted * (1 - 1e-3)
+    owed = one.demand(one.init(z, condition), tau, z, drift, None, condition).owed
+    assert float(jnp.sum(owed)) == pytest.approx(float(wanted), rel=1e-5)
+
+
+def test_separate_demands_need_reanchoring():
+    with pytest.raises(ValueError, match="`separate` needs `reanchored`"):
+        PrivateRequirement(violation=violation, separate=True, reanchored=False)
+
+
 def excess(name, steps):
     """Largest V above the theorem's bound, over 64 random starts and fields; and who stayed feasible."""
     grid = refined_grid(steps)

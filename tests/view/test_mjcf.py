@@ -10,7 +10,7 @@ from shapely import MultiPoint, Point, box, union_all
 from shapely.affinity import rotate, translate
 
 from deggflow.tasks.tabletop.condition import Affordance, SceneCondition
-from deggflow.tasks.tabletop.library import BY_NAME
+from deggflow.tasks.tabletop.library import object_type
 from deggflow.tasks.tabletop.verdict import Kind, judge
 from deggflow.view.mjcf import scene_mjcf
 
@@ -67,7 +67,7 @@ def geoms_of(model, name, *, marks):
 
 def footprint(name, pose):
     parts = []
-    for p in BY_NAME[name].primitives:
+    for p in object_type(name).primitives:
         hx, hy = p.half_x - p.corner, p.half_y - p.corner
         core = box(p.x - hx, p.y - hy, p.x + hx, p.y + hy) if hx or hy else Point(p.x, p.y)
         parts.append(core.buffer(p.corner, quad_segs=64))

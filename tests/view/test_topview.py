@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from matplotlib.patches import Circle
 
-from deggflow.tasks.tabletop.library import BY_NAME
+from deggflow.tasks.tabletop.library import object_type
 from deggflow.view.topview import BLOCKED, FREE, topview_figure
 
 
@@ -21,7 +21,7 @@ def test_all_objects_are_named_and_all_regions_drawn(everything):
     figure = topview_figure(condition, poses)
     names = {text.get_text() for text in figure.axes[0].texts}
     assert names == {name.replace("_", " ") for name in condition.objects}
-    assert len(edges(figure)) == sum(len(BY_NAME[name].regions) for name in condition.objects)
+    assert len(edges(figure)) == sum(len(object_type(name).regions) for name in condition.objects)
     assert "(m)" in figure.axes[0].get_xlabel()
     assert "(m)" in figure.axes[0].get_ylabel()
 

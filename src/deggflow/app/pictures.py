@@ -1,5 +1,6 @@
 """Pictures, videos and MuJoCo models of scenes."""
 
+from functools import partial
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -7,7 +8,9 @@ import numpy as np
 
 from deggflow.files import write_atomically
 from deggflow.jsonl import InputError
+from deggflow.tasks.tabletop.condition import SceneCondition
 from deggflow.tasks.tabletop.generator import TabletopGenerator, initial_noise
+from deggflow.tasks.tabletop.hall import halls_like, is_hall
 from deggflow.tasks.tabletop.scene import Scene
 from deggflow.tasks.tabletop.verdict import Poses, judge
 from deggflow.view.mjcf import scene_mjcf
@@ -16,6 +19,7 @@ from deggflow.view.video import write_video
 
 Renderer = Literal["auto", "mujoco", "matplotlib"]
 
+HALL_PIXELS, MOST_PIXELS = 160, 4000  # of a hall: to a metre, and along its longer side at most
 SAME_PLACE = 0.1  # m or rad; scenes of different z(0) lie several times as far apart
 
 
@@ -34,19 +38,45 @@ def regenerate(generator: TabletopGenerator, scene: Scene, line: int) -> Generat
         InputError: The scene is not what the generator makes of that seed and line.
     """
     for number in reversed(range(scene.certificate.draws)):
-        z0 = initial_noise(scene.seed, np.array([line - 1]), number)[0]
-        guided = generator.path(z0, scene.condition)
+        guided = _path(generator, scene, line - 1, number)
         # Another batch size rounds differently, and where guidance slides along the edge of a requirement
         # rounding can grow to centimetres.
         if np.abs(guided[-1] - scene.poses).mean() < SAME_PLACE:
             guided[-1] = scene.poses
-            nominal = TabletopGenerator(generator.field).path(z0, scene.condition)
+            nominal = _path(TabletopGenerator(generator.field), scene, line - 1, number)
             return Generations(nominal, guided, generator.grid.tolist())
     raise InputError(
         "can't be generated again from its seed and line; --nominal and --video need the file as "
         "`generate --guidance degg` wrote it, and the same --weights",
         line=line,
     )
+
+
+def _path(generator: TabletopGenerator, scene: Scene, number: int, drawn: int) -> list[Poses]:
+    """Poses at every grid point of one draw of a scene by its number in the run."""
+    if is_hall(scene.condition):
+        return halls_like(generator).path(scene.condition, scene.seed, number, drawn)
+    z0 = initial_noise(scene.seed, np.array([number]), drawn)[0]
+    return generator.path(z0, scene.condition)
+
+
+class View(NamedTuple):
+    """How a scene is drawn."""
+
+    renderer: Renderer
+    width: int  # pixels
+    height: int
+
+
+def view_of(condition: SceneCondition, renderer: Renderer) -> View:
+    """A hall is drawn from above unless MuJoCo is asked for, with as many pixels as its size needs."""
+    if not is_hall(condition):
+        return View(renderer, 960, 720)
+    per_metre = min(HALL_PIXELS, MOST_PIXELS / max(condition.width, condition.depth))
+    size = (
+        2 * round(per_metre * (length + 1.0) / 2) for length in (condition.width, condition.depth)
+    )
+    return View("matplotlib" if renderer == "auto" else renderer, *size)
 
 
 def draw(
@@ -61,10 +91,12 @@ def draw(
 ) -> list[Path]:
     """Writes `target` (PNG) and, beside it, what else is asked for; returns the paths."""
     out = [target]
-    image = render(scene.condition, scene.poses, renderer=renderer)
+    renderer, width, height = view_of(scene.condition, renderer)
+    picture = partial(render, scene.condition, width=width, height=height, renderer=renderer)
+    image = picture(scene.poses)
     if nominal and generations is not None:
         before = generations.nominal[-1]
-        left = render(scene.condition, before, renderer=renderer)
+        left = picture(before)
         captions = (_caption(scene, before), _caption(scene, scene.poses))
         image = side_by_side(left, image, captions=captions)
     save_png(target, image)

@@ -75,13 +75,15 @@ class Wanted(Generic[C]):
     size: int  # of drawn conditions; 0 if a file gives them
     part: Callable[[int, int], list[C]]  # number of the first, how many
 
-    def chunks(self, generate: Callable[[list[C], int], list[R]], first: int) -> Iterator[list[R]]:
-        """Results from number `first` on; `generate` is given conditions and the number of the first.
+    def chunks(
+        self, generate: Callable[[list[C], int], list[R]], first: int, chunk: int = CHUNK
+    ) -> Iterator[list[R]]:
+        """Results from number `first` on, some at a time; `generate` is given conditions and the number of the first.
 
         A chunk that a kill cut in two is generated again whole, as another batch rounds differently.
         """
-        for start in range(first // CHUNK * CHUNK, self.count, CHUNK):
-            results = generate(self.part(start, min(CHUNK, self.count - start)), start)
+        for start in range(first // chunk * chunk, self.count, chunk):
+            results = generate(self.part(start, min(chunk, self.count - start)), start)
             yield results[max(0, first - start) :]
 
 

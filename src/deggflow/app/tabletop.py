@@ -9,6 +9,7 @@ import tyro
 from deggflow.jsonl import InputError, ResumableOutput
 
 from .runs import (
+    CHUNK,
     MAX_COUNT,
     MAX_SEED,
     deliver,
@@ -132,7 +133,8 @@ def generate(
 
     Args:
         conditions: File of conditions, one JSON object a line.
-        size: Instead of a file: number of objects of randomly drawn scenes, 1 to 12.
+        size: Instead of a file: number of objects of randomly drawn scenes: 1 to 12 different ones on the paper's
+            table; more are a hall: types repeat, and the table grows in proportion.
         count: How many scenes to draw with --size (default 1).
         requirements: How the requirements of drawn scenes are changed.
         seed: Seed of drawn conditions and of z(0).
@@ -149,13 +151,14 @@ def generate(
     prepare_jax()
     from deggflow.tasks.tabletop.changes import random_conditions
     from deggflow.tasks.tabletop.formats import read_conditions
-    from deggflow.tasks.tabletop.library import MAX_OBJECTS
+    from deggflow.tasks.tabletop.hall import is_hall, make_scenes
+    from deggflow.tasks.tabletop.library import MAX_HALL
 
     asked = wanted(
         conditions,
         size,
         count,
-        sizes=(1, MAX_OBJECTS),
+        sizes=(1, MAX_HALL),
         read=read_conditions,
         draw=lambda size, first, many: random_conditions(size, many, requirements, seed, first),
     )
@@ -176,12 +179,14 @@ def generate(
     generator = make_generator(weights, guidance)
 
     def make(conditions: "list[SceneCondition]", first: int) -> "list[Scene]":
-        return generator.scenes(
-            conditions, seed=seed, first=first, max_draws=limit, keep_trace=trace
+        return make_scenes(
+            generator, conditions, seed=seed, first=first, max_draws=limit, keep_trace=trace
         )
 
+    chunk = 1 if is_hall(asked.part(0, 1)[0]) else CHUNK  # halls gain nothing from being many
+
     def chunks(first: int, _: "Progress") -> "Iterator[list[Scene]]":
-        return asked.chunks(make, first)
+        return asked.chunks(make, first, chunk)
 
     failed = deliver(
         target, asked.count, "scenes", lambda row: not row["certificate"]["satisfied"], chunks

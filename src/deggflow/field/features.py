@@ -3,17 +3,22 @@
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 TIME_FEATURES = 5
 
 
 class TeamFeatures(NamedTuple):
-    """Features of one sample's team, made by the task from (z, condition)."""
+    """Features of one sample's team, made by the task from (z, condition).
+
+    Every agent hears of every other one; or, where `senders` and `weight` are given, of those alone.
+    """
 
     node: Float[Array, "agents node"]
-    pair: Float[Array, "agents agents pair"]  # [receiver, sender]
+    pair: Float[Array, "agents others pair"]  # [receiver, sender]
     mask: Bool[Array, " agents"]
+    senders: Int[Array, "agents others"] | None = None
+    weight: Float[Array, "agents others"] | None = None  # of each sender's message, 0 for none
 
 
 def time_features(tau: Float[Array, ""]) -> Float[Array, " 5"]:

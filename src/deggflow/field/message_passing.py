@@ -1,18 +1,30 @@
 """The nominal vector field: a permutation-equivariant message-passing network."""
 
 from collections.abc import Callable
-from typing import Any
+from copy import copy
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, PRNGKeyArray
+from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from .features import TIME_FEATURES, TeamFeatures, time_features
 
 MESSAGE_SCALE = (
     0.25  # messages are summed, not averaged: neighbours add up, whatever the team's size
 )
+
+
+class Links(NamedTuple):
+    """Who hears of whom."""
+
+    senders: Int[Array, "agents others"] | None  # each agent's own list; None: everybody, in order
+    weight: Float[Array, "agents others"]  # of each message, 0 where there is none
+
+    def spread(self, value: Float[Array, "agents width"]) -> Float[Array, "_ others width"]:
+        """What each sender has to say, laid out for every receiver."""
+        return value[None, :] if self.senders is None else value[self.senders]
 
 
 class MessageRound(eqx.Module):
@@ -39,13 +51,13 @@ class MessageRound(eqx.Module):
     def __call__(
         self,
         hidden: Float[Array, "agents width"],
-        pair: Float[Array, "agents agents pair"],
-        linked: Bool[Array, "agents agents"],
+        pair: Float[Array, "agents others pair"],
+        links: Links,
     ) -> Float[Array, "agents width"]:
         of_pair = jax.vmap(jax.vmap(self.pair))(pair)
         receiver, sender = jax.vmap(self.receiver)(hidden), jax.vmap(self.sender)(hidden)
-        message = jax.nn.silu(receiver[:, None] + sender[None, :] + of_pair)
-        total = MESSAGE_SCALE * jnp.sum(jnp.where(linked[..., None], message, 0.0), axis=1)
+        message = jax.nn.silu(receiver[:, None] + links.spread(sender) + of_pair)
+        total = MESSAGE_SCALE * jnp.sum(links.weight[..., None] * message, axis=1)
         joint = jnp.concatenate([hidden, total], axis=-1)
         return hidden + jax.vmap(self.outer)(jax.nn.silu(jax.vmap(self.inner)(joint)))
 
@@ -86,6 +98,14 @@ class MessagePassingField(eqx.Module):
             width, len(spread), head_width, depth=2, activation=jax.nn.silu, key=last
         )
 
+    def reading(
+        self, featurise: Callable[[Float[Array, "agents dim"], Any], TeamFeatures]
+    ) -> "MessagePassingField":
+        """The same weights over other features of the same sizes."""
+        other = copy(self)
+        object.__setattr__(other, "featurise", featurise)
+        return other
+
     def __call__(
         self, tau: Float[Array, ""], z: Float[Array, "agents dim"], condition: Any
     ) -> Float[Array, "agents dim"]:
@@ -95,9 +115,17 @@ class MessagePassingField(eqx.Module):
         agents = z.shape[0]
         time = jnp.broadcast_to(time_features(tau), (agents, TIME_FEATURES))
         node = jnp.concatenate([z * jax.lax.rsqrt(variance), features.node, time], axis=-1)
-        linked = features.mask[None, :] & ~jnp.eye(agents, dtype=bool)
+        links = _links(features)
         hidden = jax.nn.silu(jax.vmap(self.embed)(node))
         for message_round in self.rounds:
-            hidden = message_round(hidden, features.pair, linked)
+            hidden = message_round(hidden, features.pair, links)
         linear = (tau * spread**2 - (1 - tau)) / variance * z
         return linear + spread * jax.lax.rsqrt(variance) * jax.vmap(self.head)(hidden)
+
+
+def _links(features: TeamFeatures) -> Links:
+    if features.weight is not None:
+        return Links(features.senders, features.weight)
+    agents = features.mask.shape[0]
+    linked = features.mask[None, :] & ~jnp.eye(agents, dtype=bool)
+    return Links(None, linked.astype(features.pair.dtype))

@@ -1,7 +1,7 @@
 """Decoupled guidance: every agent computes its own input, from states alone."""
 
 from .agent import AgentInput, Told, agent_input, told
-from .allocation import AbstractAllocation, Local, Own, Pooled
+from .allocation import AbstractAllocation, Local, LocalPairs, Own, Pooled
 from .bound import AbstractBound, TighteningBound
 from .decoupled import AbstractGuidance, DecoupledGuidance, GuidanceReport, NoGuidance
 from .private import PrivateRequirement, hinge_violation
@@ -27,6 +27,7 @@ __all__ = [
     "GuidanceReport",
     "LinearSchedule",
     "Local",
+    "LocalPairs",
     "MinNormInput",
     "NoGuidance",
     "Own",

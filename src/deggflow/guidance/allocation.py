@@ -10,7 +10,7 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 
 class AbstractAllocation(eqx.Module):
@@ -78,4 +78,32 @@ class Local(AbstractAllocation):
         total = jnp.sum(reach, axis=1)
         alone = total <= 0  # nobody can act on this owner's violation: its demand stays with it
         shared = jnp.where(alone, 0.0, demand / jnp.where(alone, 1.0, total)) @ reach
+        return shared + jnp.where(alone, demand, 0.0)
+
+
+class LocalPairs(AbstractAllocation):
+    """`Local` with the dependence as a list, for teams so large that owners by agents would not do.
+
+    `pairs(z, condition)` lists an owner and an agent its violation depends on, and whether it does now; who stands
+    there several times, for several requirements, is asked for as many shares.
+    """
+
+    pairs: Callable[
+        [Float[Array, "agents dim"], Any],
+        tuple[Int[Array, " pairs"], Int[Array, " pairs"], Bool[Array, " pairs"]],
+    ]
+
+    def __call__(
+        self,
+        demand: Float[Array, " owners"],
+        influence: Float[Array, " agents"],
+        z: Float[Array, "agents dim"],
+        condition: Any,
+    ) -> Float[Array, " agents"]:
+        owner, agent, now = self.pairs(z, condition)
+        reach = jnp.where(now, influence[agent], 0.0)
+        total = jnp.zeros_like(demand).at[owner].add(reach)
+        alone = total <= 0  # nobody can act on this owner's violation: its demand stays with it
+        each = jnp.where(alone, 0.0, demand / jnp.where(alone, 1.0, total))
+        shared = jnp.zeros_like(influence).at[agent].add(each[owner] * reach)
         return shared + jnp.where(alone, demand, 0.0)

@@ -48,6 +48,9 @@ class PrivateRequirement(AbstractRequirement):
     V(0). With `reanchored`, c is taken afresh from the present,
     c(tau) = kappa V^(1 - rho) / ((1 - rho) int_tau^1 omega), so that after any disturbance
     V(tau) <= V(s) (int_tau^1 omega / int_s^1 omega)^(kappa / (1 - rho)): convergence in prescribed time.
+    With `separate`, each owner takes its c_j from its own V_j: the demands, linear in V_j then, add up to that of V
+    exactly, and nobody has to know the team's V. (With one c for all, sum_j V_j^rho >= V^rho: the demand grows with
+    the team, up to n^(1 - rho) times, and so do the steps' errors.)
     `floor` is a value of V at which every requirement holds already, buffer^2 / 2 for `hinge_violation`; no
     step is refused for a V below it.
     """
@@ -55,6 +58,7 @@ class PrivateRequirement(AbstractRequirement):
     violation: Violation
     allocation: AbstractAllocation = Pooled()
     reanchored: bool = eqx.field(static=True, default=True)
+    separate: bool = eqx.field(static=True, default=False)
     rho: float = eqx.field(static=True, default=0.75)
     kappa: float = eqx.field(static=True, default=1.15)
     omega: AbstractSchedule = LinearSchedule()
@@ -71,6 +75,10 @@ class PrivateRequirement(AbstractRequirement):
                 "`kappa` must be at least 1, else c is too small for V to reach zero by tau = 1 "
                 f"(finite-horizon theorem for PE guidance); got {self.kappa}."
             )
+        if self.separate and not self.reanchored:
+            raise ValueError(
+                "`separate` needs `reanchored`: a V_j that is zero at first may grow, and its c_j with it."
+            )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -81,7 +89,9 @@ class PrivateRequirement(AbstractRequirement):
         total = jnp.sum(self.violation(z0, condition))
         return PrivateState(total, total, jnp.zeros_like(total))
 
-    def _gain(self, total: Float[Array, ""], remaining: Float[Array, ""]) -> Float[Array, ""]:
+    def _gain(
+        self, total: Float[Array, "*agents"], remaining: Float[Array, ""]
+    ) -> Float[Array, "*agents"]:
         return self.kappa / (1 - self.rho) * total ** (1 - self.rho) / remaining
 
     def bound(self, state: PrivateState, tau: Float[Array, ""]) -> Float[Array, ""]:
@@ -121,7 +131,8 @@ class PrivateRequirement(AbstractRequirement):
 
         (total, parts), gradient = jax.value_and_grad(total_and_parts, has_aux=True)(z)
         if self.reanchored:
-            gain = self._gain(total, jnp.maximum(self.omega.remaining(tau), MIN_REMAINING))
+            whole = parts if self.separate else total
+            gain = self._gain(whole, jnp.maximum(self.omega.remaining(tau), MIN_REMAINING))
         else:
             start = jnp.maximum(state.start, MIN_VIOLATION)
             gain = self._gain(start, self.omega.remaining(jnp.zeros_like(tau)))

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from functools import cache
 from itertools import pairwise
 
-from deggflow.tasks.tabletop.library import BY_NAME, Primitive
+from deggflow.tasks.tabletop.library import Primitive, object_type, type_name
 
 from .solids import Solid, ball, box, drum, rgb, ring, rod, rotation, slab, turned
 
@@ -23,7 +23,7 @@ _YELLOW, _ORANGE, _PURPLE = rgb("#e9bc45"), rgb("#e0872c"), rgb("#6f5a9c")
 @cache
 def solids_of(name: str) -> tuple[Solid, ...]:
     """The solids of one object by its library name, listed from the bottom up."""
-    return tuple(_BUILDERS[name]())
+    return tuple(_BUILDERS[type_name(name)]())
 
 
 def _drawer_organizer() -> list[Solid]:
@@ -75,7 +75,7 @@ def _desk_lamp() -> list[Solid]:
 
 
 def _laptop() -> list[Solid]:
-    out = slab(BY_NAME["laptop"].primitives[0], 0.0, 0.009, _SILVER)
+    out = slab(object_type("laptop").primitives[0], 0.0, 0.009, _SILVER)
     out.append(box((0.072, 0.0235, 0.0004), (0.0, 0.008, 0.0092), _BLACK))
     for row in range(4):
         out.append(box((0.069, 0.0042, 0.0009), (0.0, 0.0245 - 0.0112 * row, 0.0095), _DARK))
@@ -209,7 +209,7 @@ def _compact_printer() -> list[Solid]:
 
 
 def _pencil_case() -> list[Solid]:
-    shape = BY_NAME["pencil_case"].primitives[0]
+    shape = object_type("pencil_case").primitives[0]
     out: list[Solid] = []
     soft = (  # height, and how far the outline is drawn in from there up
         (0.0, -0.003),
@@ -231,7 +231,7 @@ def _pencil_case() -> list[Solid]:
 
 
 def _tissue_box() -> list[Solid]:
-    shape = BY_NAME["tissue_box"].primitives[0]
+    shape = object_type("tissue_box").primitives[0]
     out = slab(shape, 0.0, 0.064, _PALE_BLUE)
     out += slab(shape, 0.012, 0.018, _WHITE, grow=-0.0001)
     out.append(ball((0.030, 0.014, 0.0012), (0.0, 0.0, 0.064), _NAVY))

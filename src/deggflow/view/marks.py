@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deggflow.tasks.tabletop.condition import SceneCondition
-from deggflow.tasks.tabletop.library import BY_NAME
+from deggflow.tasks.tabletop.library import object_type
 from deggflow.tasks.tabletop.verdict import Kind, Verdict
 
 
@@ -44,7 +44,7 @@ def centre_of_mass(
     condition: SceneCondition, poses: Float[np.ndarray, "agents 3"]
 ) -> Float[np.ndarray, " 2"]:
     """Where the objects' common centre of mass lies, m."""
-    mass = np.array([BY_NAME[name].mass for name in condition.objects])
+    mass = np.array([object_type(name).mass for name in condition.objects])
     return np.asarray(mass @ poses[:, :2] / mass.sum())
 
 
@@ -53,7 +53,7 @@ def discs_of(condition: SceneCondition, name: str) -> list[Disc]:
     need = condition.affordance(name)
     cos, sin = np.cos(need.direction), np.sin(need.direction)
     discs = []
-    for region in BY_NAME[name].regions:
+    for region in object_type(name).regions:
         x, y = need.offset_scale * region.x, need.offset_scale * region.y
         radius = need.radius_scale * region.radius
         discs.append(Disc(float(cos * x - sin * y), float(sin * x + cos * y), radius))

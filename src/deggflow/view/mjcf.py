@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deggflow.tasks.tabletop.condition import Balance, SceneCondition
-from deggflow.tasks.tabletop.library import BY_NAME
+from deggflow.tasks.tabletop.library import object_type
 from deggflow.tasks.tabletop.verdict import Verdict, judge
 
 from .bodies import solids_of
@@ -256,7 +256,7 @@ def balance_names() -> list[str]:
 def _flat(name: str, height: float, grow: float, colour: Colour) -> list[Solid]:
     return [
         solid
-        for part in BY_NAME[name].primitives
+        for part in object_type(name).primitives
         for solid in slab(part, 0.0, height, colour, grow)
     ]
 

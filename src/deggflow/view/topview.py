@@ -14,7 +14,7 @@ from matplotlib.patheffects import withStroke
 from scipy.spatial import ConvexHull
 
 from deggflow.tasks.tabletop.condition import Balance, SceneCondition
-from deggflow.tasks.tabletop.library import BY_NAME
+from deggflow.tasks.tabletop.library import object_type, type_name
 from deggflow.tasks.tabletop.verdict import Verdict, judge
 
 from .bodies import solids_of
@@ -27,6 +27,8 @@ FREE, BLOCKED, BALANCE = "#009e73", "#d55e00", "#0072b2"
 OUTLINE = "#d4201f"
 _MARGIN = 0.06  # m around the table
 _DPI = 100  # dots per inch of figures turned into pixels
+_LABELLED = 24  # objects up to which each has its name written below it
+_THIN = 0.4  # of the line width where there are more
 _ROUND = np.linspace(0.0, 2.0 * np.pi, 33)[:-1]
 
 Polygon = Float[np.ndarray, "_ 2"]
@@ -59,11 +61,14 @@ def topview_figure(
         (left / size[0], bottom / size[1], max(width, 0.1) / size[0], max(height, 0.1) / size[1])
     )
     _draw_table(axes, condition)
-    marks = marks_of(verdict)
+    marks, few = marks_of(verdict), len(condition.objects) <= _LABELLED
+    thick = 1.0 if few else _THIN
     for i, name in enumerate(condition.objects):
-        _draw_regions(axes, condition, i, name, rows[i], marks)
+        _draw_regions(axes, condition, i, name, rows[i], marks, thick)
     for i, name in enumerate(condition.objects):
-        _draw_object(axes, name, rows[i], i in marks.outlined)
+        _draw_object(axes, type_name(name), rows[i], i in marks.outlined, thick)
+        if few:
+            _write_name(axes, name, rows[i])
     if condition.balance is not None:
         _draw_balance(axes, condition.balance, centre_of_mass(condition, rows), marks.unbalanced)
     return figure
@@ -103,13 +108,16 @@ def _draw_regions(
     name: str,
     pose: Float[np.ndarray, " 3"],
     marks: Marks,
+    thick: float,
 ) -> None:
     for k, disc in enumerate(discs_of(condition, name)):
         centre = tuple(_placed(np.array([[disc.x, disc.y]]), pose)[0])
         blocked = (owner, k) in marks.blocked
         colour = BLOCKED if blocked else FREE
         fill = Circle(centre, disc.radius, facecolor=colour, alpha=0.22, zorder=1)
-        edge = Circle(centre, disc.radius, fill=False, edgecolor=colour, linewidth=1.4, zorder=1.5)
+        edge = Circle(
+            centre, disc.radius, fill=False, edgecolor=colour, linewidth=1.4 * thick, zorder=1.5
+        )
         if blocked:
             edge.set(linestyle=(0, (3, 1.6)), hatch="////")
         for patch in (fill, edge):
@@ -139,14 +147,20 @@ def _draw_balance(
     )
 
 
-def _draw_object(axes: Axes, name: str, pose: Float[np.ndarray, " 3"], outlined: bool) -> None:
+def _draw_object(
+    axes: Axes, name: str, pose: Float[np.ndarray, " 3"], outlined: bool, thick: float
+) -> None:
     outlines = [_placed(part, pose) for part in _footprints(name)]
     if outlined:
-        _draw(axes, outlines, 2.0, facecolors="none", edgecolors=OUTLINE, linewidths=6.0)
-    _draw(axes, outlines, 2.1, facecolors="#ddd5c6", edgecolors="#6b6257", linewidths=0.8)
+        _draw(axes, outlines, 2.0, facecolors="none", edgecolors=OUTLINE, linewidths=6.0 * thick)
+    _draw(axes, outlines, 2.1, facecolors="#ddd5c6", edgecolors="#6b6257", linewidths=0.8 * thick)
     parts = [_placed(part, pose) for part, _ in _silhouettes(name)]
     colours = [colour for _, colour in _silhouettes(name)]
     _draw(axes, parts, 2.2, facecolors=colours, edgecolors="face", linewidths=0.2)
+
+
+def _write_name(axes: Axes, name: str, pose: Float[np.ndarray, " 3"]) -> None:
+    outlines = [_placed(part, pose) for part in _footprints(type_name(name))]
     label = axes.text(
         float(pose[0]),
         min(float(part[:, 1].min()) for part in outlines) - 0.004,
@@ -173,7 +187,7 @@ def _placed(points: Polygon, pose: Float[np.ndarray, " 3"]) -> Polygon:
 def _footprints(name: str) -> list[Polygon]:
     """Outlines of the library's shapes, in the body frame."""
     outlines = []
-    for part in BY_NAME[name].primitives:
+    for part in object_type(name).primitives:
         core = np.array([part.half_x - part.corner, part.half_y - part.corner])
         around = np.stack([np.cos(_ROUND + 1e-9), np.sin(_ROUND + 1e-9)], axis=-1)
         outlines.append(np.sign(around) * core + part.corner * around + [part.x, part.y])

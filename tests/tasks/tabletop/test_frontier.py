@@ -94,4 +94,6 @@ def test_the_best_setting_has_the_most_successes_then_the_least_transport():
 def test_every_rival_stands_in_tables_at_a_setting_of_its_grid():
     for method in METHODS:
         assert method.default in method.grid
+        assert method.chosen(8) == method.default
+        assert method.chosen(12) in method.grid
     assert len({method.name for method in RIVALS}) == len(RIVALS) == 7

@@ -5,19 +5,44 @@ import math
 import numpy as np
 
 from deggflow.tasks.tabletop.library import (
-    BY_NAME,
     LIBRARY,
     MAX_OBJECTS,
     NAMES,
     TABLE_DEPTH,
     TABLE_WIDTH,
+    is_object_name,
+    numbered,
+    object_type,
+    type_name,
 )
 
 
 def test_names(paper):
     assert tuple(paper) == NAMES
     assert MAX_OBJECTS == 12
-    assert {name: kind.name for name, kind in BY_NAME.items()} == {name: name for name in paper}
+    assert {name: object_type(name).name for name in NAMES} == {name: name for name in paper}
+
+
+def test_objects_of_one_type_are_told_apart_by_number():
+    names = numbered(["teacup", "laptop", "teacup", "teacup"])
+    assert names == ("teacup", "laptop", "teacup#2", "teacup#3")
+    assert [type_name(name) for name in names] == ["teacup", "laptop", "teacup", "teacup"]
+    assert object_type("teacup#3") is object_type("teacup")
+    assert all(map(is_object_name, names))
+
+
+def test_other_names_are_none():
+    for name in (
+        "cup",
+        "teacup#",
+        "teacup#1",
+        "teacup#02",
+        "teacup#x",
+        "#2",
+        "teacup#2#3",
+        "teacup#²",
+    ):
+        assert not is_object_name(name)
 
 
 def test_table():

@@ -7,11 +7,19 @@ from dataclasses import replace
 import numpy as np
 
 from .condition import Affordance, Balance, SceneCondition
-from .library import BY_NAME, NAMES
+from .library import (
+    MAX_OBJECTS,
+    NAMES,
+    TABLE_DEPTH,
+    TABLE_WIDTH,
+    numbered,
+    object_type,
+)
 
 OFFSET_RANGE = (0.98, 1.12)
 RADIUS_RANGE = (1.04, 1.24)
 DIRECTION_JITTER = math.pi / 22.5  # rad
+HALL_WINDOW = 8  # objects of a hall to the area of the paper's table
 
 Change = Callable[[np.random.Generator, str], Affordance]
 
@@ -22,7 +30,7 @@ def _angle(value: float) -> float:
 
 def _opposite(name: str) -> float:
     """The allowed direction farthest from the default one; the first listed of equals."""
-    return max(BY_NAME[name].directions, key=_angle)
+    return max(object_type(name).directions, key=_angle)
 
 
 def _direction(rng: np.random.Generator, choices: tuple[float, ...]) -> float:
@@ -38,7 +46,7 @@ def _opposite_side(rng: np.random.Generator, name: str) -> Affordance:
 
 
 def _side_direction(rng: np.random.Generator, name: str) -> Affordance:
-    others = tuple(d for d in BY_NAME[name].directions if d != _opposite(name))
+    others = tuple(d for d in object_type(name).directions if d != _opposite(name))
     return Affordance(direction=_direction(rng, others))
 
 
@@ -50,7 +58,7 @@ def _combined(rng: np.random.Generator, name: str) -> Affordance:
     return Affordance(
         rng.uniform(*OFFSET_RANGE),
         rng.uniform(*RADIUS_RANGE),
-        _direction(rng, BY_NAME[name].directions),
+        _direction(rng, object_type(name).directions),
     )
 
 
@@ -88,8 +96,23 @@ def change(condition: SceneCondition, family: str, rng: np.random.Generator) -> 
 
 
 def random_objects(rng: np.random.Generator, size: int) -> tuple[str, ...]:
-    """Different object types, uniformly without replacement."""
-    return tuple(str(name) for name in rng.choice(NAMES, size, replace=False))
+    """Object types, uniformly without replacement; of a hall, by eights, each eight without replacement."""
+    if size <= MAX_OBJECTS:
+        return tuple(str(name) for name in rng.choice(NAMES, size, replace=False))
+    drawn = (rng.choice(NAMES, HALL_WINDOW, replace=False) for _ in range(-(-size // HALL_WINDOW)))
+    return numbered([str(name) for part in drawn for name in part][:size])
+
+
+def random_table(size: int) -> tuple[float, float]:
+    """Width and depth in m of a table for so many objects: the paper's, or of a hall one that is larger in proportion.
+
+    Up to `MAX_OBJECTS` objects share the paper's table; a hall has a table's area for every eight, and is about square.
+    """
+    if size <= MAX_OBJECTS:
+        return TABLE_WIDTH, TABLE_DEPTH
+    tables = size / HALL_WINDOW
+    columns = max(1, round(math.sqrt(tables * TABLE_DEPTH / TABLE_WIDTH)))
+    return round(columns * TABLE_WIDTH, 6), round(tables / columns * TABLE_DEPTH, 6)
 
 
 def random_conditions(
@@ -99,5 +122,7 @@ def random_conditions(
     out = []
     for number in range(first, first + count):
         rng = np.random.default_rng([seed, size, number])
-        out.append(change(SceneCondition(random_objects(rng, size)), family, rng))
+        width, depth = random_table(size)
+        condition = SceneCondition(random_objects(rng, size), width=width, depth=depth)
+        out.append(change(condition, family, rng))
     return out

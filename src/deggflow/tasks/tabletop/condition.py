@@ -8,7 +8,16 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .library import BY_NAME, LIBRARY, MAX_OBJECTS, NAMES, TABLE_DEPTH, TABLE_WIDTH, ObjectType
+from .library import (
+    LIBRARY,
+    MAX_OBJECTS,
+    NAMES,
+    TABLE_DEPTH,
+    TABLE_WIDTH,
+    ObjectType,
+    object_type,
+    type_name,
+)
 
 SIZES = (6, 8, MAX_OBJECTS)  # padded team sizes; one compiled program serves every N up to its size
 EXTRA_PRIMITIVES = sum(len(kind.primitives) - 1 for kind in LIBRARY)
@@ -110,6 +119,10 @@ def padded_size(agents: int) -> int:
     return next(size for size in SIZES if size >= agents)
 
 
+PartRow = tuple[float, float, float, float, float]
+"""x, y, half_x, half_y of a core and the radius it is grown by, in m, in the body frame."""
+
+
 class _PartRows:
     """Collects parts scene by scene as plain numbers, then turns them into stacked arrays."""
 
@@ -120,9 +133,7 @@ class _PartRows:
         self.owner[:, :agents] = np.arange(agents)
         self.agents, self.used = agents, np.zeros(scenes, np.int32)
 
-    def add(
-        self, scene: int, agent: int, rows: Sequence[tuple[float, float, float, float, float]]
-    ) -> None:
+    def add(self, scene: int, agent: int, rows: Sequence[PartRow]) -> None:
         for k, row in enumerate(rows):
             slot = agent if k == 0 else self.agents + self.used[scene]
             self.used[scene] += k > 0
@@ -138,13 +149,13 @@ class _PartRows:
         return Parts(x, y, half_x, half_y, radius, *rest)
 
 
-def _primitive_rows(kind: ObjectType) -> list[tuple[float, float, float, float, float]]:
+def primitive_rows(kind: ObjectType) -> list[PartRow]:
+    """An object's own body."""
     return [(p.x, p.y, p.half_x - p.corner, p.half_y - p.corner, p.corner) for p in kind.primitives]
 
 
-def _region_rows(
-    kind: ObjectType, need: Affordance
-) -> list[tuple[float, float, float, float, float]]:
+def region_rows(kind: ObjectType, need: Affordance) -> list[PartRow]:
+    """An object's affordance regions as a user requires them."""
     cos, sin = np.cos(need.direction), np.sin(need.direction)
     rows = []
     for region in kind.regions:
@@ -155,7 +166,8 @@ def _region_rows(
     return rows
 
 
-def _access_rows(kind: ObjectType) -> list[tuple[float, float, float, float, float]]:
+def access_rows(kind: ObjectType) -> list[PartRow]:
+    """An object's default regions merged into one capsule."""
     xs = [region.x for region in kind.regions]
     centre, half = (max(xs) + min(xs)) / 2, (max(xs) - min(xs)) / 2
     return [(centre, kind.regions[0].y, half, 0.0, kind.regions[0].radius)]
@@ -173,11 +185,11 @@ def to_arrays(conditions: Sequence[SceneCondition], agents: int | None = None) -
         circle = condition.balance
         balance[s] = EVERYWHERE if circle is None else (circle.x, circle.y, circle.radius)
         for i, name in enumerate(condition.objects):
-            mask[s, i], kind[s, i] = True, NAMES.index(name)
-            mass[s, i] = BY_NAME[name].mass
-            primitives.add(s, i, _primitive_rows(BY_NAME[name]))
-            regions.add(s, i, _region_rows(BY_NAME[name], condition.affordance(name)))
-            access.add(s, i, _access_rows(BY_NAME[name]))
+            mask[s, i], kind[s, i] = True, NAMES.index(type_name(name))
+            mass[s, i] = object_type(name).mass
+            primitives.add(s, i, primitive_rows(object_type(name)))
+            regions.add(s, i, region_rows(object_type(name), condition.affordance(name)))
+            access.add(s, i, access_rows(object_type(name)))
     half = np.array([[c.width, c.depth] for c in conditions], np.float32) / 2
     parts = (primitives.stack(), regions.stack(), access.stack())
     stacked: Any = (mask, kind, *parts, half[:, 0], half[:, 1], mass, balance)

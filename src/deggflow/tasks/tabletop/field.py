@@ -6,7 +6,7 @@ from pathlib import Path
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from deggflow.field import MessagePassingField, TeamFeatures
 from deggflow.weights import load_card, load_weights
@@ -33,10 +33,16 @@ def _graded(gap: Float[Array, "..."]) -> list[Float[Array, "..."]]:
     return [jax.nn.soft_sign(gap / NEAR), jax.nn.soft_sign(gap / FAR)]
 
 
-def _pair_features(body: RoundedBox, access: RoundedBox) -> Float[Array, "agents agents 12"]:
-    receiver, sender = body.expand(1), body.expand(0)
+def pair_features(
+    receiver: RoundedBox,
+    sender: RoundedBox,
+    receiver_access: RoundedBox,
+    sender_access: RoundedBox | None = None,
+) -> Float[Array, "receivers senders 12"]:
+    """Relative poses and gaps of pairs; `sender_access` is None where receivers and senders are the same, in order."""
     dx, dy = (sender.x - receiver.x) / REACH, (sender.y - receiver.y) / REACH
-    blocked = separating_gap(access.expand(1), sender)
+    blocked = separating_gap(receiver_access, sender)
+    blocking = blocked.T if sender_access is None else separating_gap(sender_access, receiver)
     return jnp.stack(
         [
             receiver.cos * dx + receiver.sin * dy,
@@ -47,10 +53,24 @@ def _pair_features(body: RoundedBox, access: RoundedBox) -> Float[Array, "agents
             receiver.cos * sender.sin - receiver.sin * sender.cos,
             *_graded(separating_gap(receiver, sender)),
             *_graded(blocked),
-            *_graded(blocked.T),
+            *_graded(blocking),
         ],
         axis=-1,
     )
+
+
+def node_features(
+    body: RoundedBox,
+    access: RoundedBox,
+    kind: Int[Array, " agents"],
+    half_width: Float[Array, ""],
+    half_depth: Float[Array, ""],
+) -> Float[Array, "agents node"]:
+    """Headings, room to the walls, kinds."""
+    walls = [wall_margins(box, half_width, half_depth) for box in (body, access)]
+    graded = [feature for margins in walls for margin in margins for feature in _graded(margin)]
+    known = jax.nn.one_hot(kind, MAX_OBJECTS)
+    return jnp.concatenate([jnp.stack([body.cos, body.sin, *graded], axis=-1), known], axis=-1)
 
 
 def scene_features(z: Float[Array, "agents 3"], condition: TabletopCondition) -> TeamFeatures:
@@ -58,13 +78,9 @@ def scene_features(z: Float[Array, "agents 3"], condition: TabletopCondition) ->
     pose, agents = decode(z, condition), z.shape[0]
     body = place(_bodies(condition.primitives, agents), pose)
     access = place(condition.access, pose)
-    walls = [
-        wall_margins(box, condition.half_width, condition.half_depth) for box in (body, access)
-    ]
-    graded = [feature for margins in walls for margin in margins for feature in _graded(margin)]
-    kind = jax.nn.one_hot(condition.kind, MAX_OBJECTS)
-    node = jnp.concatenate([jnp.stack([body.cos, body.sin, *graded], axis=-1), kind], axis=-1)
-    return TeamFeatures(node, _pair_features(body, access), condition.mask)
+    node = node_features(body, access, condition.kind, condition.half_width, condition.half_depth)
+    pair = pair_features(body.expand(1), body.expand(0), access.expand(1))
+    return TeamFeatures(node, pair, condition.mask)
 
 
 def build_field(

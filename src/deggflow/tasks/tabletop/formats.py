@@ -18,7 +18,14 @@ from deggflow.jsonl import (
 from deggflow.records import parse_certificate
 
 from .condition import Affordance, Balance, SceneCondition
-from .library import MAX_OBJECTS, NAMES, TABLE_DEPTH, TABLE_WIDTH
+from .library import (
+    MAX_HALL,
+    NAMES,
+    TABLE_DEPTH,
+    TABLE_WIDTH,
+    is_object_name,
+    type_name,
+)
 from .scene import Scene
 
 MIN_SCALE, MAX_SCALE = 0.01, 10.0
@@ -31,9 +38,11 @@ MAX_ANGLE = 2 * math.pi + 1e-9  # rad
 def _name(value: Any, field: str) -> str:
     if not isinstance(value, str):
         raise InputError(f"must be the name of an object; got {shorten(value)}", field=field)
-    if value not in NAMES:
+    if not is_object_name(value):
         raise InputError(
-            f"unknown object {shorten(value)!r}; known are {', '.join(NAMES)}", field=field
+            f"unknown object {shorten(value)!r}; known are {', '.join(NAMES)}, and further ones of a type as "
+            "laptop#2, laptop#3, ...",
+            field=field,
         )
     return value
 
@@ -41,16 +50,17 @@ def _name(value: Any, field: str) -> str:
 def _objects(value: Any, field: str) -> tuple[str, ...]:
     if not isinstance(value, list):
         raise InputError(f"must be a list of names; got {shorten(value)}", field=field)
-    if not 1 <= len(value) <= MAX_OBJECTS:
-        raise InputError(f"must name 1 to {MAX_OBJECTS} objects; got {len(value)}", field=field)
-    names: list[str] = []
+    if not 1 <= len(value) <= MAX_HALL:
+        raise InputError(f"must name 1 to {MAX_HALL} objects; got {len(value)}", field=field)
+    names: dict[str, None] = {}
     for k, item in enumerate(value):
         name = _name(item, f"{field}[{k}]")
         if name in names:
             raise InputError(
-                f"{name} stands twice; each object can be used once", field=f"{field}[{k}]"
+                f"{name} stands twice; a second one is called {type_name(name)}#2",
+                field=f"{field}[{k}]",
             )
-        names.append(name)
+        names[name] = None
     return tuple(names)
 
 
@@ -80,8 +90,11 @@ def parse_condition(value: Any, field: str = "") -> SceneCondition:
     objects = _objects(given["objects"], join(field, "objects"))
     place = join(field, "requirements")
     requirements: dict[str, Affordance] = {}
-    for name, need in expect_object(given.get("requirements", {}), place, NAMES).items():
-        if name not in objects:
+    wishes = given.get("requirements", {})
+    numbered = filter(is_object_name, wishes if isinstance(wishes, dict) else ())
+    present = set(objects)
+    for name, need in expect_object(wishes, place, (*NAMES, *numbered)).items():
+        if name not in present:
             raise InputError(f"{name} is not among the objects", field=join(place, name))
         requirements[name] = _affordance(need, join(place, name))
     width, depth = TABLE_WIDTH, TABLE_DEPTH

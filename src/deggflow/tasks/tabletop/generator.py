@@ -200,7 +200,7 @@ class TabletopGenerator:
             wanted = [conditions[k] for k in index]
             numbers = np.add(index, first)
             batch = self.batch(initial_noise(seed, numbers, number), wanted, keep_trace=keep_trace)
-            found = _judged(batch, wanted)
+            found = judged(batch, wanted)
             for one, condition, candidate in zip(numbers, wanted, found, strict=True):
                 certificate = replace(candidate.certificate, draws=number + 1)
                 on_draw(int(one), Scene(condition, candidate.sample, certificate, seed))
@@ -229,7 +229,8 @@ def _record(
     return record(summary, guidance.names, objects, trace)
 
 
-def _judged(batch: Batch, conditions: Sequence[SceneCondition]) -> list[Candidate[Poses]]:
+def judged(batch: Batch, conditions: Sequence[SceneCondition]) -> list[Candidate[Poses]]:
+    """Every scene of a batch with its certificate."""
     finite = [bool((np.abs(poses) <= MAX_COORDINATE).all()) for poses in batch.poses]
     # A diverged draw has no place on the table; it is judged where nothing fits: beyond the table's corner.
     poses = [

@@ -5,6 +5,9 @@ in rad, coordinates in the object's body frame. Masses are ours: what such thing
 """
 
 import math
+import re
+from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 TABLE_WIDTH = 1.40  # m
@@ -96,5 +99,34 @@ LIBRARY: tuple[ObjectType, ...] = (
 )
 
 NAMES: tuple[str, ...] = tuple(kind.name for kind in LIBRARY)
-BY_NAME: dict[str, ObjectType] = {kind.name: kind for kind in LIBRARY}
 MAX_OBJECTS = len(LIBRARY)
+MAX_HALL = 10_000  # objects of a hall, where types repeat
+_BY_NAME = {kind.name: kind for kind in LIBRARY}
+_NUMBER = re.compile(r"[1-9][0-9]{0,6}")
+
+
+def type_name(name: str) -> str:
+    """The type of an object by the object's name: "teacup" and "teacup#2" are two teacups."""
+    return name.partition("#")[0]
+
+
+def object_type(name: str) -> ObjectType:
+    """What an object by that name is like."""
+    return _BY_NAME[type_name(name)]
+
+
+def is_object_name(name: str) -> bool:
+    """Whether a name is a type's, alone or with a number from 2 on that tells objects of a type apart."""
+    kind, sign, number = name.partition("#")
+    numbered = not sign or (_NUMBER.fullmatch(number) is not None and number != "1")
+    return kind in _BY_NAME and numbered
+
+
+def numbered(types: Iterable[str]) -> tuple[str, ...]:
+    """Names of objects of the given types: the first of a type by its type alone, then "#2", "#3", ..."""
+    seen: Counter[str] = Counter()
+    names = []
+    for kind in types:
+        seen[kind] += 1
+        names.append(kind if seen[kind] == 1 else f"{kind}#{seen[kind]}")
+    return tuple(names)

@@ -11,7 +11,7 @@ from shapely.geometry import Point, box
 from shapely.geometry.base import BaseGeometry
 
 from .condition import SceneCondition
-from .library import BY_NAME
+from .library import object_type
 
 TOLERANCE = 1e-9  # m, rounding of float64 arithmetic on lengths of order one
 
@@ -26,7 +26,7 @@ def _move(core: BaseGeometry, pose: Float[np.ndarray, " 3"]) -> BaseGeometry:
 
 def _body(name: str) -> list[Grown]:
     out: list[Grown] = []
-    for part in BY_NAME[name].primitives:
+    for part in object_type(name).primitives:
         width, height = part.half_x - part.corner, part.half_y - part.corner
         if width > 0 and height > 0:
             core = box(part.x - width, part.y - height, part.x + width, part.y + height)
@@ -39,7 +39,7 @@ def _body(name: str) -> list[Grown]:
 def _regions(condition: SceneCondition, name: str) -> list[Grown]:
     need = condition.affordance(name)
     out: list[Grown] = []
-    for region in BY_NAME[name].regions:
+    for region in object_type(name).regions:
         reach = need.offset_scale * math.hypot(region.x, region.y)
         heading = math.atan2(region.y, region.x) + need.direction
         centre = Point(reach * math.cos(heading), reach * math.sin(heading))
@@ -54,6 +54,22 @@ def _on_table(condition: SceneCondition, placed: Sequence[Grown]) -> float:
     return float(np.min(half - np.abs(bounds.reshape(-1, 2, 2)).max(axis=1) - radius[:, None]))
 
 
+def _least_gap(
+    these: Sequence[Sequence[Grown]], others: Sequence[Sequence[Grown]], beyond: float
+) -> float:
+    """Least distance in m of two shapes of different objects, where it is at most `beyond`; else infinity."""
+    one = [(k, *shape) for k, row in enumerate(these) for shape in row]
+    two = [(k, *shape) for k, row in enumerate(others) for shape in row]
+    owner, core, radius = (np.array(column) for column in zip(*one, strict=True))
+    whose, body, grown = (np.array(column) for column in zip(*two, strict=True))
+    reach = radius + grown.max() + beyond
+    first, second = shapely.STRtree(body).query(core, predicate="dwithin", distance=reach)
+    apart = owner[first] != whose[second]
+    first, second = first[apart], second[apart]
+    gap = shapely.distance(core[first], body[second]) - radius[first] - grown[second]
+    return float(np.min(gap, initial=np.inf))
+
+
 def least_margin(condition: SceneCondition, poses: Float[np.ndarray, "agents 3"]) -> float:
     """Least margin of a scene in m by Shapely's distances; where cores overlap, only its sign means anything."""
     bodies = [
@@ -64,20 +80,12 @@ def least_margin(condition: SceneCondition, poses: Float[np.ndarray, "agents 3"]
         [(_move(core, pose), grown) for core, grown in _regions(condition, name)]
         for name, pose in zip(condition.objects, poses, strict=True)
     ]
-    pairs = []
-    for i in range(len(bodies)):
-        for j in range(len(bodies)):
-            if i < j:
-                pairs += [(a, b) for a in bodies[i] for b in bodies[j]]
-            if i != j:
-                pairs += [(a, b) for a in regions[i] for b in bodies[j]]
     margin = _on_table(condition, [shape for row in (*bodies, *regions) for shape in row])
-    if pairs:
-        cores = np.array([[a[0], b[0]] for a, b in pairs], object)
-        radii = np.array([a[1] + b[1] for a, b in pairs])
-        margin = min(margin, float(np.min(shapely.distance(cores[:, 0], cores[:, 1]) - radii)))
+    # What lies beyond the least margin found so far can't be the least one.
+    margin = min(margin, _least_gap(bodies, bodies, max(margin, 0.0)))
+    margin = min(margin, _least_gap(regions, bodies, max(margin, 0.0)))
     if condition.balance is not None:
-        masses = [BY_NAME[name].mass for name in condition.objects]
+        masses = [object_type(name).mass for name in condition.objects]
         total = math.fsum(masses)
         x, y = (
             math.fsum(m * float(p[k]) for m, p in zip(masses, poses, strict=True)) / total

@@ -18,7 +18,7 @@ from deggflow.guidance import (
     TighteningBound,
 )
 
-from .codec import decode
+from .codec import Pose, decode
 from .condition import TabletopCondition
 from .margins import HingeViolation, dependence
 from .verdict import BUFFER
@@ -52,9 +52,16 @@ def imbalance(
     tau: Float[Array, ""], z: Float[Array, "agents 3"], condition: TabletopCondition
 ) -> Float[Array, ""]:
     """q: squared distance of the centre of mass from the circle's centre over the squared radius, less one; halved."""
-    pose, mass = decode(z, condition), condition.mass / jnp.sum(condition.mass)
+    return imbalance_of(decode(z, condition), condition.mass, condition.balance)
+
+
+def imbalance_of(
+    pose: Pose, masses: Float[Array, " agents"], circle: Float[Array, " 3"]
+) -> Float[Array, ""]:
+    """The same of poses, masses (kg) and the circle's x, y and radius (m)."""
+    mass = masses / jnp.sum(masses)
     x, y = jnp.sum(mass * pose.x), jnp.sum(mass * pose.y)
-    x0, y0, radius = condition.balance
+    x0, y0, radius = circle
     return (((x - x0) ** 2 + (y - y0) ** 2) / (INSIDE * radius) ** 2 - 1) / 2
 
 

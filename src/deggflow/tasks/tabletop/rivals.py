@@ -31,6 +31,9 @@ from .requirements import LOCAL, OWN, POOLED
 from .verdict import BUFFER
 
 COLUMNS = 32  # of multipliers per object; hold all constraints of every padded size
+TUNED = (
+    8  # objects of the scenes at which settings were found; larger ones have those found at N = 12
+)
 AHEAD = 0.005  # m above h = 0 that barriers and projections aim at: their rows have no room to rounding otherwise
 
 
@@ -73,6 +76,11 @@ class Method:
     default: Knob  # of ours: what ships; of rivals: the best of the grid at N = 8
     grid: tuple[Knob, ...]
     ours: bool = False
+    crowded: Knob | None = None  # of rivals: the best of the grid at N = 12, if it is another
+
+    def chosen(self, size: int) -> Knob:
+        """The setting that tables use for so many objects."""
+        return self.crowded if self.crowded is not None and size > TUNED else self.default
 
 
 def _number(knob: Knob, name: str) -> Float[Array, ""]:
@@ -162,22 +170,22 @@ PROPOSED = (
 RIVALS = (
     Method(
         "joint barrier QP", "SafeFlow, arXiv:2504.08661", "all states and fields, in one solver",
-        _joint, {"gain": 2.0}, _GAINS,
+        _joint, {"gain": 2.0}, _GAINS, crowded={"gain": 1.0},
     ),
     Method(
         "predict, then correct", "SafeFlowMatcher, arXiv:2509.24243", "all states and fields, in one solver",
         _corrected, {"gain": 2.0, "pull": 0.0},
-        _grid(gain=(1.0, 2.0, 4.0), pull=(0.0, 2.0)),
+        _grid(gain=(1.0, 2.0, 4.0), pull=(0.0, 2.0)), crowded={"gain": 1.0, "pull": 0.0},
     ),
     Method(
         "dual flow", "Lagrangian dual flows", "neighbours' states and multipliers",
         _dual, {"gain": 2.0, "damping": 4.0},
-        _grid(gain=(0.5, 2.0, 8.0), damping=(1.0, 4.0)),
+        _grid(gain=(0.5, 2.0, 8.0), damping=(1.0, 4.0)), crowded={"gain": 8.0, "damping": 4.0},
     ),
     Method(
         "endpoint projection", "PCFM, arXiv:2506.04171", "all states and fields, in one solver",
         _projected, {"start": 0.9999, "iterations": 5.0},
-        _grid(start=(0.0, 0.5, 0.9999), iterations=(5.0,)),
+        _grid(start=(0.0, 0.5, 0.9999), iterations=(5.0,)), crowded={"start": 0.5, "iterations": 5.0},
     ),
     Method(
         "penalty gradient", "universal guidance (Bansal et al. 2024)", "neighbours' states",
@@ -186,7 +194,7 @@ RIVALS = (
     ),
     Method(
         "equal split with slack", "dec_share_cbf of GCBF+, arXiv:2401.14554", "neighbours' states and fields",
-        _split, {"gain": 2.0}, _GAINS,
+        _split, {"gain": 2.0}, _GAINS, crowded={"gain": 4.0},
     ),
     Method(
         "rejection sampling", "the nominal model, drawn again", "nothing while generating",

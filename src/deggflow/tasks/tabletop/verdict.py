@@ -13,12 +13,14 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.spatial import KDTree
 
 from .condition import SceneCondition
-from .library import BY_NAME
+from .library import object_type
 
 BUFFER = 0.02  # m, delta^PE of the reported violation V (paper, Task 2)
 _CHUNK = 512  # scenes measured at once
+_FEW = 64  # shapes of a scene of which all pairs are measured
 
 Poses = Float[np.ndarray, "_ 3"]
 
@@ -98,7 +100,7 @@ class _Shapes(NamedTuple):
 @cache
 def _body_shapes(name: str) -> tuple[Float[np.ndarray, "shapes 4 2"], Float[np.ndarray, " shapes"]]:
     signs = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
-    parts = BY_NAME[name].primitives
+    parts = object_type(name).primitives
     corners = [signs * [p.half_x - p.corner, p.half_y - p.corner] + [p.x, p.y] for p in parts]
     return np.array(corners), np.array([p.corner for p in parts])
 
@@ -106,7 +108,7 @@ def _body_shapes(name: str) -> tuple[Float[np.ndarray, "shapes 4 2"], Float[np.n
 def _region_shapes(
     condition: SceneCondition, name: str
 ) -> tuple[Float[np.ndarray, "shapes 4 2"], Float[np.ndarray, " shapes"]]:
-    need, regions = condition.affordance(name), BY_NAME[name].regions
+    need, regions = condition.affordance(name), object_type(name).regions
     centre = np.array([complex(r.x, r.y) for r in regions])
     centre = centre * need.offset_scale * np.exp(1j * need.direction)
     points = np.stack([centre.real, centre.imag], axis=-1)
@@ -177,19 +179,46 @@ def _polygon_distance(
     return np.where((gap <= 0) & np.isfinite(gap), gap, distance)
 
 
-def _pairs(shapes: _Shapes) -> tuple[Int[np.ndarray, " pairs"], Int[np.ndarray, " pairs"]]:
-    """Indices of the pairs to measure: bodies of two objects, and regions with others' bodies."""
+_Indices = tuple[Int[np.ndarray, " pairs"], Int[np.ndarray, " pairs"]]
+
+
+def _pairs(shapes: _Shapes, room: Float[np.ndarray, " shapes"]) -> _Indices:
+    """Indices of the pairs to measure: bodies of two objects, and regions with others' bodies.
+
+    Args:
+        shapes: Of some scenes.
+        room: How far each shape lies inside the table, m.
+    """
     firsts, seconds = [], []
     starts = np.searchsorted(shapes.scene, np.arange(shapes.scene[-1] + 2))
     for begin, end in pairwise(starts):
         owner, is_body = shapes.owner[begin:end], shapes.region[begin:end] < 0
-        apart = owner[:, None] != owner[None, :]
-        later = owner[:, None] < owner[None, :]
-        wanted = is_body[None, :] & np.where(is_body[:, None], later, apart)
-        first, second = np.nonzero(wanted)
-        firsts.append(first + begin)
-        seconds.append(second + begin)
+        if end - begin <= _FEW:
+            first, second = np.nonzero(np.ones((end - begin, end - begin), bool))
+        else:
+            # What is farther apart than the least room to the edge can't be the least margin.
+            beyond = max(BUFFER, float(np.min(room[begin:end])))
+            corners, radius = shapes.corners[begin:end], shapes.radius[begin:end]
+            first, second = _near(corners, radius, beyond)
+        later, apart = owner[first] < owner[second], owner[first] != owner[second]
+        wanted = is_body[second] & np.where(is_body[first], later, apart)
+        firsts.append(first[wanted] + begin)
+        seconds.append(second[wanted] + begin)
     return np.concatenate(firsts), np.concatenate(seconds)
+
+
+def _near(
+    corners: Float[np.ndarray, "shapes 4 2"], radius: Float[np.ndarray, " shapes"], beyond: float
+) -> _Indices:
+    """Both orders of all pairs of shapes whose circumscribed circles are at most `beyond` apart, m."""
+    centre = corners.mean(axis=1)
+    extent = np.sqrt(np.sum((corners - centre[:, None]) ** 2, axis=-1)).max(axis=1) + radius
+    tree = KDTree(centre)
+    first, second = tree.query_pairs(2 * extent.max() + beyond, output_type="ndarray").T
+    gap = np.sqrt(np.sum((centre[first] - centre[second]) ** 2, axis=-1))
+    close = ~(gap > extent[first] + extent[second] + beyond)
+    first, second = first[close], second[close]
+    return np.concatenate([first, second]), np.concatenate([second, first])
 
 
 class _Measured(NamedTuple):
@@ -204,7 +233,9 @@ class _Measured(NamedTuple):
 
 def _measure(conditions: Sequence[SceneCondition], poses: Sequence[Poses]) -> _Measured:
     shapes = _collect(conditions, poses)
-    first, second = _pairs(shapes)
+    half = np.array([[c.width, c.depth] for c in conditions])[shapes.scene] / 2
+    inside = half - np.abs(shapes.corners).max(axis=1) - shapes.radius[:, None]
+    first, second = _pairs(shapes, inside.min(axis=1))
     of_region = shapes.region[first] >= 0
     distance = np.empty(len(first))
     bodies, regions = np.nonzero(~of_region)[0], np.nonzero(of_region)[0]
@@ -215,8 +246,6 @@ def _measure(conditions: Sequence[SceneCondition], poses: Sequence[Poses]) -> _M
         shapes.corners[second[regions]], shapes.corners[first[regions], :1]
     )
     distance -= shapes.radius[first] + shapes.radius[second]
-    half = np.array([[c.width, c.depth] for c in conditions])[shapes.scene] / 2
-    inside = half - np.abs(shapes.corners).max(axis=1) - shapes.radius[:, None]
     walls = len(shapes.radius)
     room, balanced = _balance(conditions, poses)
     nobody = np.full(len(room), -1)
@@ -240,7 +269,7 @@ def _balance(
     room, scene = [], []
     for s, (condition, pose) in enumerate(zip(conditions, poses, strict=True)):
         if condition.balance is not None:
-            mass = np.array([BY_NAME[name].mass for name in condition.objects])
+            mass = np.array([object_type(name).mass for name in condition.objects])
             centre = mass @ np.asarray(pose, np.float64)[:, :2] / mass.sum()
             away = centre - [condition.balance.x, condition.balance.y]
             room.append(condition.balance.radius - float(np.hypot(*away)))

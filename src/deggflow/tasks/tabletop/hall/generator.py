@@ -1,0 +1,242 @@
+"""Certified halls from the tabletop's nominal field, one hall at a time."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from itertools import groupby
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from deggflow.certificate import record
+from deggflow.field import MessagePassingField
+from deggflow.generation import generate, refined_grid
+from deggflow.guidance import (
+    AbstractGuidance,
+    DecoupledGuidance,
+    LocalPairs,
+    NoGuidance,
+    PrivateRequirement,
+    Recovering,
+    SharedFactor,
+    SharedRequirements,
+    TighteningBound,
+)
+from deggflow.redraw import Candidate, draw
+from deggflow.step_guard import StepGuard
+from deggflow.tasks.tabletop.condition import SceneCondition
+from deggflow.tasks.tabletop.generator import (
+    GUARD,
+    MAX_DRAWS,
+    Batch,
+    TabletopGenerator,
+    judged,
+)
+from deggflow.tasks.tabletop.requirements import RECOVERY, imbalance_of
+from deggflow.tasks.tabletop.scene import Scene
+from deggflow.tasks.tabletop.verdict import BUFFER, Poses
+from deggflow.trace import Summary, Trace, summarise
+
+from .condition import (
+    HallCondition,
+    decode,
+    decode_exactly,
+    is_hall,
+    padded_count,
+    to_arrays,
+)
+from .field import hall_field
+from .margins import HallViolation, dependence
+
+HEARD, BESIDE = 32, 12  # neighbours for which field and requirements have room
+CROWDS = (1, 2, 4)  # times that room, tried in turn where it does not do
+
+
+def hall_guidance(slots: int = BESIDE, *, balanced: bool = False) -> DecoupledGuidance:
+    """Guidance of a hall: private requirements shared out among neighbours, and the balance if it is asked for."""
+    affordance = PrivateRequirement(
+        violation=HallViolation(BUFFER, slots),
+        allocation=LocalPairs(partial(dependence, buffer=BUFFER, slots=slots)),
+        separate=True,
+        floor=BUFFER**2 / 2,
+        name="affordance",
+    )
+    return DecoupledGuidance((affordance, BALANCE) if balanced else (affordance,))
+
+
+def imbalance(
+    tau: Float[Array, ""], z: Float[Array, "agents 3"], condition: HallCondition
+) -> Float[Array, ""]:
+    """Q of the requirement on the centre of mass."""
+    return imbalance_of(decode(z, condition), condition.mass, condition.balance)
+
+
+BALANCE = SharedRequirements(
+    (
+        SharedFactor(
+            imbalance, TighteningBound(least=0.0), alpha=Recovering(RECOVERY), name="balance"
+        ),
+    )
+)
+
+
+class _Drawn(NamedTuple):
+    """What the compiled program hands out."""
+
+    z: Float[Array, "agents 3"]
+    summary: Summary
+    trace: Trace
+    path: Float[Array, "points agents 3"] | None
+
+
+@eqx.filter_jit
+def _program(
+    field: MessagePassingField,
+    guidance: AbstractGuidance,
+    noise: Float[Array, "agents 3"],
+    condition: HallCondition,
+    grid: Float[Array, " points"],
+    guard: StepGuard | None,
+    keep_path: bool,
+) -> _Drawn:
+    out = generate(field, guidance, noise, condition, grid=grid, guard=guard, keep_path=keep_path)
+    return _Drawn(out.z, summarise(out.trace, out.work, condition.mask), out.trace, out.path)
+
+
+@partial(jax.jit, static_argnums=3)
+def _noise(
+    seed: Int[Array, ""], number: Int[Array, ""], drawn: Int[Array, ""], agents: int
+) -> Float[Array, "agents 3"]:
+    key = jax.random.fold_in(jax.random.fold_in(jax.random.key(seed), number), drawn)
+    # A key for each object: the same numbers for every padded size.
+    keys = jax.vmap(partial(jax.random.fold_in, key))(jnp.arange(agents))
+    return jax.vmap(lambda own: jax.random.normal(own, (3,)))(keys)
+
+
+class HallGenerator:
+    """Generates halls with one field, guided or not; compiled programs are kept between calls."""
+
+    def __init__(
+        self,
+        field: MessagePassingField,
+        guided: bool = True,
+        *,
+        grid: Float[Array, " points"] | None = None,
+        guard: StepGuard | None = GUARD,
+    ) -> None:
+        """Args: field: the tabletop's nominal field; guided: else nominal; grid: `refined_grid()` if None; guard: of guided steps."""
+        self.field, self.guided = field, guided
+        self.grid = refined_grid() if grid is None else grid
+        self.guard = guard if guided else None
+
+    def scene(
+        self,
+        condition: SceneCondition,
+        *,
+        seed: int = 0,
+        number: int = 0,
+        max_draws: int = MAX_DRAWS,
+        keep_trace: bool = False,
+        on_draw: Callable[[int, Scene], None] | None = None,
+    ) -> Scene:
+        """A hall with its certificate; a draw that fails is made again from a new z(0).
+
+        Args: as of `TabletopGenerator.scenes`, of one condition and its number in the run.
+        """
+
+        def attempt(_: Sequence[int], drawn: int) -> list[Candidate[Poses]]:
+            batch = self.batch(condition, seed, number, drawn, keep_trace=keep_trace)
+            found = judged(batch, [condition])
+            if on_draw is not None:
+                certificate = replace(found[0].certificate, draws=drawn + 1)
+                on_draw(number, Scene(condition, found[0].sample, certificate, seed))
+            return found
+
+        (made,) = draw(attempt, 1, max_draws)
+        return Scene(condition, made.sample, made.certificate, seed)
+
+    def batch(
+        self,
+        condition: SceneCondition,
+        seed: int,
+        number: int,
+        drawn: int,
+        *,
+        keep_trace: bool = False,
+    ) -> Batch:
+        """One draw of one hall."""
+        out = self._draw(condition, seed, number, drawn, keep_path=False)
+        guidance, made = self._guidance(condition), None
+        if isinstance(guidance, DecoupledGuidance):
+            kept = out.trace if keep_trace else None
+            made = record(out.summary, guidance.names, condition.objects, kept)
+        state = np.asarray(out.z)
+        return Batch(state[None], [decode_exactly(state, condition)], [made])
+
+    def path(self, condition: SceneCondition, seed: int, number: int, drawn: int) -> list[Poses]:
+        """Poses of one draw at every grid point."""
+        out = self._draw(condition, seed, number, drawn, keep_path=True)
+        assert out.path is not None
+        return [decode_exactly(state, condition) for state in np.asarray(out.path)]
+
+    def _draw(
+        self, condition: SceneCondition, seed: int, number: int, drawn: int, keep_path: bool
+    ) -> _Drawn:
+        """One draw with room for as many neighbours as there are."""
+        arrays = to_arrays(condition, BUFFER)
+        noise = _noise(seed, number, drawn, padded_count(len(condition.objects)))
+        for crowd in CROWDS:
+            guidance = self._guidance(condition, crowd)
+            field = hall_field(self.field, HEARD * crowd)
+            out = _program(field, guidance, noise, arrays, self.grid, self.guard, keep_path)
+            if bool(jnp.isfinite(out.z).all()):
+                break
+        return out
+
+    def _guidance(self, condition: SceneCondition, crowd: int = 1) -> AbstractGuidance:
+        if not self.guided:
+            return NoGuidance()
+        return hall_guidance(BESIDE * crowd, balanced=condition.balance is not None)
+
+
+def halls_like(generator: TabletopGenerator) -> HallGenerator:
+    """A generator of halls with the field, grid and guard of a generator of scenes, guided if that one is."""
+    if not isinstance(generator.field, MessagePassingField):
+        raise TypeError("halls need a `MessagePassingField`: other fields have no cut-off radius.")
+    guided = isinstance(generator.guidance, DecoupledGuidance)
+    return HallGenerator(generator.field, guided, grid=generator.grid, guard=generator.guard)
+
+
+def make_scenes(
+    generator: TabletopGenerator,
+    conditions: Sequence[SceneCondition],
+    *,
+    seed: int = 0,
+    first: int = 0,
+    max_draws: int = MAX_DRAWS,
+    keep_trace: bool = False,
+) -> list[Scene]:
+    """Scenes and halls alike, in the order of the conditions; a scene does not depend on the halls beside it.
+
+    Args: as of `TabletopGenerator.scenes`; halls take field, grid and guard from `generator`.
+    """
+    out: list[Scene] = []
+    for hall, part in groupby(conditions, is_hall):
+        alike, number = list(part), first + len(out)
+        if hall:
+            halls = halls_like(generator)
+            out += [
+                halls.scene(
+                    each, seed=seed, number=number + k, max_draws=max_draws, keep_trace=keep_trace
+                )
+                for k, each in enumerate(alike)
+            ]
+        else:
+            out += generator.scenes(
+                alike, seed=seed, first=number, max_draws=max_draws, keep_trace=keep_trace
+            )
+    return out

@@ -1,0 +1,139 @@
+"""A hall's requirements: margins between neighbours, and the violation V_i built from them.
+
+Margins and their meaning are those of `tabletop/margins.py`; pairs farther apart than anything can bind are not
+looked at. A list that was too short would leave out a requirement, so V is then not a number: never a silent violation.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from deggflow.neighbours import Neighbours, find_neighbours
+from deggflow.tasks.tabletop.geometry import (
+    RoundedBox,
+    box_distance,
+    point_distance,
+    wall_margins,
+)
+from deggflow.tasks.tabletop.margins import ABSENT
+
+from .condition import HallCondition, HallParts, decode, place
+
+
+class HallMargins(NamedTuple):
+    """Margins of a hall, in m; `ABSENT` where there is none."""
+
+    separation: Float[Array, "bodies slots"]  # each pair once
+    unobstructed: Float[Array, "regions slots"]
+    body_wall: Float[Array, "2 bodies"]  # inside the table along x, along y
+    region_wall: Float[Array, "2 regions"]
+    beside: Neighbours  # of the bodies
+    around: Neighbours  # of the regions
+
+
+class Pairs(NamedTuple):
+    """Whose violation depends on whom."""
+
+    owner: Int[Array, " pairs"]
+    agent: Int[Array, " pairs"]
+    active: Bool[Array, " pairs"]
+
+
+def hall_margins(z: Float[Array, "agents 3"], condition: HallCondition, slots: int) -> HallMargins:
+    """All margins that can bind at the state z, with room for `slots` neighbours of each part."""
+    pose = decode(z, condition)
+    bodies, regions = place(condition.bodies, pose), place(condition.regions, pose)
+    owners = condition.bodies.owner
+    number = jnp.arange(len(owners))
+    where = jnp.stack([bodies.x, bodies.y], axis=-1)
+    beside = find_neighbours(
+        where, where, condition.bodies.valid, condition.body_reach, slots,
+        lambda found: (found > number[:, None]) & (owners[found] != owners[:, None]),
+    )  # fmt: skip
+    around = find_neighbours(
+        jnp.stack([regions.x, regions.y], axis=-1), where, condition.bodies.valid,
+        condition.region_reach, slots,
+        lambda found: owners[found] != condition.regions.owner[:, None],
+    )  # fmt: skip
+    separation = box_distance(bodies.expand(1), _of_neighbours(bodies, beside))
+    free = point_distance(regions.x[:, None], regions.y[:, None], _of_neighbours(bodies, around))
+    return HallMargins(
+        jnp.where(_both(condition.bodies, beside), separation, ABSENT),
+        jnp.where(_both(condition.regions, around), free - regions.radius[:, None], ABSENT),
+        _walls(bodies, condition.bodies, condition),
+        _walls(regions, condition.regions, condition),
+        beside,
+        around,
+    )
+
+
+def _of_neighbours(boxes: RoundedBox, found: Neighbours) -> RoundedBox:
+    return jax.tree.map(found.gather, boxes)
+
+
+def _both(parts: HallParts, found: Neighbours) -> Bool[Array, "parts slots"]:
+    return found.near & parts.valid[:, None]
+
+
+def _walls(
+    boxes: RoundedBox, parts: HallParts, condition: HallCondition
+) -> Float[Array, "2 parts"]:
+    margins = jnp.stack(wall_margins(boxes, condition.half_width, condition.half_depth))
+    return jnp.where(parts.valid[None], margins, ABSENT)
+
+
+class HallViolation(eqx.Module):
+    """V_i = sum_k max(buffer - h_ik, 0)^2 / 2 (paper: Task 2), in m^2, of every object of a hall.
+
+    Not a number where some part has more neighbours than `slots`.
+    """
+
+    buffer: float = eqx.field(static=True, default=0.02)  # m, delta^PE
+    slots: int = eqx.field(static=True, default=12)
+
+    def __call__(
+        self, z: Float[Array, "agents 3"], condition: HallCondition
+    ) -> Float[Array, " agents"]:
+        """V_i of each agent."""
+        margins = hall_margins(z, condition, self.slots)
+        agents = len(condition.mask)
+
+        def hinge(margin: Float[Array, "..."]) -> Float[Array, "..."]:
+            return jnp.maximum(self.buffer - margin, 0.0) ** 2 / 2
+
+        between = hinge(margins.separation)
+        other = condition.bodies.owner[margins.beside.who]
+        own = jnp.sum(between, axis=1) + jnp.sum(hinge(margins.body_wall), axis=0)
+        free = jnp.sum(hinge(margins.unobstructed), axis=1)
+        free = free + jnp.sum(hinge(margins.region_wall), axis=0)
+        total = (
+            jnp.zeros(agents, z.dtype)
+            .at[condition.bodies.owner].add(own)
+            .at[condition.regions.owner].add(free)
+            .at[other].add(between)
+        )  # fmt: skip
+        missed = margins.beside.missed | margins.around.missed
+        # A separation counts for both objects (twice in V), though each pair is looked at once.
+        return jnp.where(missed, jnp.nan, total)
+
+
+def dependence(
+    z: Float[Array, "agents 3"], condition: HallCondition, buffer: float, slots: int
+) -> Pairs:
+    """Which agents' states each V_j depends on now: whoever takes part in an active margin of j, and j itself."""
+    margins = hall_margins(z, condition, slots)
+    owners = condition.bodies.owner
+    near = owners[margins.beside.who].ravel()
+    here = jnp.repeat(owners, slots)
+    region = jnp.repeat(condition.regions.owner, slots)
+    self = jnp.arange(len(condition.mask))
+    touching = (margins.separation < buffer).ravel()
+    blocked = (margins.unobstructed < buffer).ravel()
+    return Pairs(
+        jnp.concatenate([self, here, near, region]),
+        jnp.concatenate([self, near, here, owners[margins.around.who].ravel()]),
+        jnp.concatenate([self >= 0, touching, touching, blocked]),
+    )
