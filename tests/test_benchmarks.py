@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from suite import qp
-from suite.clock import Patience, in_turn
+from suite.clock import Patience, in_turn, seconds_of
 from suite.kkt import kkt_residual
 from suite.rows import Row, Spread, Way, number, rows_of, spread, table, write
 
@@ -34,9 +34,15 @@ def test_ways_that_make_different_numbers_of_samples_are_compared_by_the_sample(
 def test_every_round_calls_each_way_once_and_the_first_is_not_counted():
     called = []
     ways = {name: lambda name=name: called.append(name) for name in "ab"}
-    times = in_turn(ways, Patience(seconds=0.0, least=2, most=9))
+    times = in_turn(ways, Patience(seconds=0.0, least=2, most=9, turn=0.0))
     assert called == ["a", "b"] * 3
     assert [len(each) for each in times.values()] == [2, 2]
+
+
+def test_short_calls_are_repeated_within_their_turn():
+    called = []
+    assert 0 < seconds_of(lambda: called.append(1), turn=0.01) < 0.01
+    assert len(called) > 1
 
 
 def test_numbers_have_three_digits():
@@ -109,7 +115,7 @@ def test_a_peer_that_is_missing_or_broken_has_a_row_that_says_so(monkeypatch):
     missing = qp.Peer("one", zeros, "no_such_module", 8, "ours")
     peers = {"ours": ours, "missing": missing, "broken": replace(ours, make=broken)}
     monkeypatch.setattr(qp, "PEERS", peers)
-    rows = list(qp.agents(Patience(0.0, 1, 1), quick=True))
+    rows = list(qp.agents(Patience(0.0, 1, 1, 0.0), quick=True))
     notes = {row.name: row.note for row in rows}
     assert notes["qp/2/missing"] == "not installed"
     assert "not with this JAX" in notes["qp/6/broken"]

@@ -193,7 +193,7 @@ PEERS = {
     "qpax": Peer("qpax in float64", partial(_batched, _qpax, True), "qpax"),
     "qpax, float32": Peer("qpax in float32", partial(_batched, _qpax, False), "qpax", reference="ours, float32"),
     "qpax, one by one": Peer("qpax in float64, one call each", partial(_one_by_one, _qpax), "qpax", FEW, "ours, one by one"),
-    "jaxopt": Peer("jaxopt's OSQP in float64", partial(_batched, _jaxopt, True), "jaxopt"),
+    "jaxopt": Peer("jaxopt's OSQP in float64", partial(_batched, _jaxopt, True), "jaxopt", 512),
     "cvxpylayers": Peer("cvxpylayers' PyTorch layer", _cvxpylayers, "cvxpylayers", FEW),
     "quadprog": Peer("quadprog, in a loop", _quadprog, "quadprog", FEW),
     "proxsuite": Peer("proxsuite's dense batch, set-up included", _proxsuite, "proxsuite", FEW),
