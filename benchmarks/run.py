@@ -3,7 +3,6 @@
 Usage: python benchmarks/run.py [--only scenes qp ...] [--quick] [--out benchmarks/results.json]
 """
 
-import os
 import platform
 import time
 from collections.abc import Callable, Iterator
@@ -13,6 +12,7 @@ from pathlib import Path
 import tyro
 from suite.clock import FULL, QUICK, Patience
 from suite.rows import Row, table, write
+from suite.speed import available_cores
 
 from deggflow.app.session import prepare_jax
 
@@ -63,9 +63,9 @@ def main(settings: Settings) -> None:
         begin = time.perf_counter()
         rows += subject(patience, settings.quick)
         print(f"{name}: {time.perf_counter() - begin:.0f} s", flush=True)
+        write(settings.out, about(settings), rows)  # what is there stays if the run is stopped
     print()
     print(table(rows))
-    write(settings.out, about(settings), rows)
 
 
 def about(settings: Settings) -> dict[str, object]:
@@ -75,7 +75,7 @@ def about(settings: Settings) -> dict[str, object]:
     return {
         "quick": settings.quick,
         "machine": platform.machine(),
-        "cores": os.cpu_count(),
+        "cores": available_cores(),
         "python": platform.python_version(),
         "jax": jax.__version__,
     }

@@ -24,7 +24,7 @@ SIZE, SEED = 8, 0
 def speed(patience: Patience, quick: bool) -> Iterator[Row]:
     """The field's share of the machine's peak, on all cores and on one."""
     batches = (1, 32) if quick else (1, 512)
-    for cores in sorted({1, _cores()}):
+    for cores in sorted({1, available_cores()}):
         yield from _rows(_measured_apart(cores, batches, patience), cores, patience)
 
 
@@ -121,7 +121,8 @@ def _rows(found: dict[str, Any], cores: int, patience: Patience) -> Iterator[Row
         yield Row(f"speed/{cores}/field {batch}", what, ms, batch, peak, share, "", figures)
 
 
-def _cores() -> int:
+def available_cores() -> int:
+    """How many cores this process may use."""
     return (
         len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1)
     )
