@@ -47,7 +47,7 @@ def scenes(patience: Patience, quick: bool) -> Iterator[Row]:
         for batch in (1, 16) if quick else BATCHES:
             ways = {
                 **usual,
-                **(fixed if size == 8 else {}),
+                **(fixed if size == 8 and batch < 512 else {}),
                 **(other if (size, batch) == (8, 32) else {}),
             }
             calls = {name: scene_call(generator, size, batch) for name, generator in ways.items()}
