@@ -10,7 +10,7 @@ help:
 	@echo "make quick  set up, reproduce every table and figure with few cases into reproduction-quick/"
 	@echo "make test   set up, run the tests"
 	@echo "make lint   set up, check style and types"
-	@echo "make bench  set up, time guided against nominal generation, and one policy of the bridge"
+	@echo "make bench  set up with the peers, time everything into benchmarks/results.json; ARGS=--quick for a look"
 
 $(VENV)/.base: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "deggflow needs Python >= 3.11; set PYTHON=/path/to/python"; exit 1; }
@@ -21,11 +21,11 @@ $(VENV)/.base: pyproject.toml
 	fi
 	@touch $@
 
-$(VENV)/.dev: $(VENV)/.base
+$(VENV)/.dev $(VENV)/.bench: $(VENV)/.%: $(VENV)/.base
 	@if command -v uv >/dev/null 2>&1; then \
-		uv pip install --quiet --python $(BIN)/python -e '.[dev]'; \
+		uv pip install --quiet --python $(BIN)/python -e '.[$*]'; \
 	else \
-		$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'; \
+		$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[$*]'; \
 	fi
 	@touch $@
 
@@ -41,9 +41,8 @@ test: $(VENV)/.dev
 lint: $(VENV)/.dev
 	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
 
-bench: $(VENV)/.dev
-	@$(BIN)/python benchmarks/guided_over_nominal.py
-	@$(BIN)/python benchmarks/bridge_policy.py
+bench: $(VENV)/.bench
+	@$(BIN)/python benchmarks/run.py $(ARGS)
 
 clean:
 	rm -rf $(VENV) demo reproduction-quick .pytest_cache .mypy_cache .ruff_cache .hypothesis
