@@ -12,12 +12,14 @@ import deggflow
 ROOT = Path(deggflow.__file__).parent
 FLOORS = [
     {
+        "blocks",
         "files",
         "jsonl",
         "statistics",
         "flow",
         "field",
         "guidance",
+        "neighbours",
         "weights",
         "solver",
     },

@@ -383,7 +383,7 @@ def test_an_exported_network_is_the_same_function(key):
     mask = jnp.arange(5)[None] < jnp.array([1, 2, 3, 4, 5, 5])[:, None]
     features = jax.vmap(featurise)(z, mask)
     with torch.no_grad():
-        given = [torch.from_numpy(np.array(one)) for one in (z, tau, *features)]
+        given = [torch.from_numpy(np.array(one)) for one in (z, tau, *features[:3])]
         found = export(field)(*given)
     wanted = eqx.filter_jit(lambda field, *given: jax.vmap(field)(*given))(field, tau, z, mask)
     np.testing.assert_allclose(found.numpy(), wanted, atol=1e-5)

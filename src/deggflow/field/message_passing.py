@@ -16,6 +16,19 @@ MESSAGE_SCALE = (
 )
 
 
+def apply(layer: eqx.nn.Linear, x: Float[Array, "*rows inputs"]) -> Float[Array, "*rows outputs"]:
+    """A linear layer of every row: one product, laid out as the rows are (`vmap` of the layer transposes them)."""
+    out = x @ layer.weight.T
+    return out if layer.bias is None else out + jnp.expand_dims(layer.bias, range(x.ndim - 1))
+
+
+def apply_mlp(mlp: eqx.nn.MLP, x: Float[Array, "*rows inputs"]) -> Float[Array, "*rows outputs"]:
+    """The same of a multilayer perceptron."""
+    for layer in mlp.layers[:-1]:
+        x = mlp.activation(apply(layer, x))
+    return apply(mlp.layers[-1], x)
+
+
 class Links(NamedTuple):
     """Who hears of whom."""
 
@@ -54,12 +67,15 @@ class MessageRound(eqx.Module):
         pair: Float[Array, "agents others pair"],
         links: Links,
     ) -> Float[Array, "agents width"]:
-        of_pair = jax.vmap(jax.vmap(self.pair))(pair)
-        receiver, sender = jax.vmap(self.receiver)(hidden), jax.vmap(self.sender)(hidden)
-        message = jax.nn.silu(receiver[:, None] + links.spread(sender) + of_pair)
-        total = MESSAGE_SCALE * jnp.sum(links.weight[..., None] * message, axis=1)
-        joint = jnp.concatenate([hidden, total], axis=-1)
-        return hidden + jax.vmap(self.outer)(jax.nn.silu(jax.vmap(self.inner)(joint)))
+        of_pair = apply(self.pair, pair)
+        receiver, sender = apply(self.receiver, hidden), links.spread(apply(self.sender, hidden))
+        total = jnp.zeros_like(hidden)
+        # One sender after the other: all messages at once would not fit into the cache.
+        for k in range(pair.shape[1]):
+            message = jax.nn.silu(receiver + sender[:, k] + of_pair[:, k])
+            total = total + links.weight[:, k, None] * message
+        joint = jnp.concatenate([hidden, MESSAGE_SCALE * total], axis=-1)
+        return hidden + apply(self.outer, jax.nn.silu(apply(self.inner, joint)))
 
 
 class MessagePassingField(eqx.Module):
@@ -116,11 +132,11 @@ class MessagePassingField(eqx.Module):
         time = jnp.broadcast_to(time_features(tau), (agents, TIME_FEATURES))
         node = jnp.concatenate([z * jax.lax.rsqrt(variance), features.node, time], axis=-1)
         links = _links(features)
-        hidden = jax.nn.silu(jax.vmap(self.embed)(node))
+        hidden = jax.nn.silu(apply(self.embed, node))
         for message_round in self.rounds:
             hidden = message_round(hidden, features.pair, links)
         linear = (tau * spread**2 - (1 - tau)) / variance * z
-        return linear + spread * jax.lax.rsqrt(variance) * jax.vmap(self.head)(hidden)
+        return linear + spread * jax.lax.rsqrt(variance) * apply_mlp(self.head, hidden)
 
 
 def _links(features: TeamFeatures) -> Links:

@@ -1,11 +1,14 @@
 """Margins and violations that guidance uses, against the verdict's exact geometry."""
 
 import math
+from functools import partial
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from deggflow.tasks.tabletop.changes import random_conditions
 from deggflow.tasks.tabletop.condition import SIZES, SceneCondition, take, to_arrays
 from deggflow.tasks.tabletop.margins import (
     ABSENT,
@@ -214,3 +217,44 @@ def test_a_violation_depends_on_nobody_else(random_scenes):
     present = np.arange(12)[None] < np.array([[len(c.objects)] for c in conditions + more[0]])
     apart = ~(present[:, :, None] & present[:, None, :]) & ~np.eye(12, dtype=bool)
     assert not np.any(depends & apart)
+
+
+def test_value_and_gradient_of_a_batch_are_those_of_its_scenes():
+    """With the samples along the last axis inside, by automatic differentiation of one scene outside."""
+    conditions = random_conditions(7, 5, "changed", 2)
+    arrays = jax.tree.map(jnp.asarray, to_arrays(conditions))
+    z = jax.random.normal(jax.random.key(0), (*arrays.mask.shape, 3)) * 0.5
+
+    def plain(z, condition):
+        return VIOLATION(z, condition), jax.grad(lambda z: jnp.sum(VIOLATION(z, condition)))(z)
+
+    wanted = jax.jit(jax.vmap(plain))(z, arrays)
+    for run in (jax.vmap(VIOLATION.and_gradient), partial(_one_by_one, VIOLATION.and_gradient)):
+        got = jax.jit(run)(z, arrays)
+        np.testing.assert_allclose(got[0], wanted[0], rtol=1e-5, atol=1e-8)
+        np.testing.assert_allclose(got[1], wanted[1], rtol=1e-4, atol=1e-6)
+    assert float(jnp.sum(wanted[0])) > 0.1
+    # States alone in the batch, one condition for all of them.
+    alone = jax.jit(jax.vmap(VIOLATION.and_gradient, in_axes=(0, None)))(z, take(arrays, 0))
+    np.testing.assert_allclose(alone[1][0], wanted[1][0], rtol=1e-4, atol=1e-6)
+
+
+def _one_by_one(function, z, arrays):
+    found = [function(z[k], take(arrays, k)) for k in range(len(z))]
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *found)
+
+
+def test_the_gradient_has_a_derivative_in_a_batch_too():
+    """What the growth of distances between samples needs."""
+    arrays = jax.tree.map(jnp.asarray, to_arrays(random_conditions(5, 2, "changed", 1)))
+    z = jax.random.normal(jax.random.key(3), (*arrays.mask.shape, 3)) * 0.5
+    push = jax.random.normal(jax.random.key(4), z.shape)
+
+    def slope(gradient):
+        return jax.jit(lambda z: jax.jvp(lambda z: jax.vmap(gradient)(z, arrays), (z,), (push,)))(z)
+
+    def plain(z, condition):
+        return jax.grad(lambda z: jnp.sum(VIOLATION(z, condition)))(z)
+
+    got, wanted = slope(lambda z, c: VIOLATION.and_gradient(z, c)[1]), slope(plain)
+    np.testing.assert_allclose(got[1], wanted[1], rtol=1e-3, atol=1e-4)

@@ -9,10 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from deggflow.blocks import BLOCK, side_by_side
 from deggflow.certificate import GenerationRecord, record
 from deggflow.generation import generate, refined_grid
 from deggflow.guidance import AbstractGuidance, DecoupledGuidance, NoGuidance
-from deggflow.redraw import BATCHES, padded_batch
+from deggflow.redraw import padded_batch
 from deggflow.step_guard import StepGuard
 from deggflow.trace import Summary, Trace, summarise
 
@@ -60,8 +61,7 @@ class Drawn(NamedTuple):
     summary: Summary
 
 
-@eqx.filter_jit
-def _draw(
+def _drawn(
     field: BridgeField,
     guidance: AbstractGuidance,
     noise: Float[Array, "trials agents dim"],
@@ -74,6 +74,9 @@ def _draw(
         return Drawn(out.z, summarise(out.trace, out.work, trial.mask))
 
     return jax.vmap(one)(noise, condition)
+
+
+_draw = eqx.filter_jit(_drawn)
 
 
 @eqx.filter_jit
@@ -141,6 +144,10 @@ class PolicyGenerator:
         self.field, self.grid = field, refined_grid(steps, power)
         self.guidance = NoGuidance() if guidance is None else guidance
         self.guard = None if guidance is None else guard
+        self._together = partial(_draw, field)
+        # Of a few rows, laying out the weights is most of a product's work: as constants they are laid out once.
+        self._alone = eqx.filter_jit(partial(_drawn, field))
+        self._compiled: set[int] = set()
 
     def batch(
         self, noise: Float[np.ndarray, "trials agents dim"], condition: BridgeCondition
@@ -152,11 +159,17 @@ class PolicyGenerator:
             condition: Of all trials; numpy arrays in float64, rounded for the generation.
         """
         agents, count = condition.mask.shape[1], len(noise)
-        size = padded_batch(count)
-        parts = []
-        for start in range(0, count, BATCHES[-1]):
-            index = np.resize(np.arange(start, min(start + BATCHES[-1], count)), size)
-            parts.append(self._padded(noise[index, :agents], take(condition, index)))
+        size = padded_batch(min(count, BLOCK))
+        indices = [
+            np.resize(np.arange(start, min(start + size, count)), size)
+            for start in range(0, count, size)
+        ]
+        parts = side_by_side(
+            lambda index: self._padded(noise[index, :agents], take(condition, index)),
+            indices,
+            compiled=agents in self._compiled,
+        )
+        self._compiled.add(agents)
         *leaves, summary = zip(*parts, strict=True)
         joined = [np.concatenate(leaf)[:count] for leaf in leaves]
         whole = jax.tree.map(lambda *leaf: np.concatenate(leaf)[:count], *summary)
@@ -168,8 +181,8 @@ class PolicyGenerator:
         self, noise: Float[np.ndarray, "trials agents dim"], condition: BridgeCondition
     ) -> Drawn:
         """The compiled program alone, in float32: z(1) of every trial, nothing checked yet."""
-        z0 = jnp.asarray(noise)
-        return _draw(self.field, self.guidance, z0, condition, self.grid, self.guard)
+        program = self._alone if len(noise) == 1 else self._together
+        return program(self.guidance, jnp.asarray(noise), condition, self.grid, self.guard)
 
     def _padded(
         self, noise: Float[np.ndarray, "trials agents dim"], condition: BridgeCondition

@@ -17,16 +17,16 @@ ANGLE_SCALE = (
 class Pose(NamedTuple):
     """Poses of the objects of one scene."""
 
-    x: Float[Array, " agents"]  # m
-    y: Float[Array, " agents"]  # m
-    theta: Float[Array, " agents"]  # rad, not wrapped
+    x: Float[Array, "agents *samples"]  # m
+    y: Float[Array, "agents *samples"]  # m
+    theta: Float[Array, "agents *samples"]  # rad, not wrapped
 
 
-def decode(z: Float[Array, "agents 3"], condition: TabletopCondition) -> Pose:
+def decode(z: Float[Array, "agents 3 *samples"], condition: TabletopCondition) -> Pose:
     """The decoder: diag(half width, half depth, 1.35) z; the paper's on the paper's table."""
     return Pose(
-        condition.half_width * z[:, 0],
-        condition.half_depth * z[:, 1],
+        jnp.asarray(condition.half_width)[None] * z[:, 0],
+        jnp.asarray(condition.half_depth)[None] * z[:, 1],
         ANGLE_SCALE * z[:, 2],
     )
 
@@ -54,9 +54,9 @@ def place(parts: Parts, pose: Pose) -> RoundedBox:
     """Parts put into the world with their owners' poses."""
     cos, sin = jnp.cos(pose.theta), jnp.sin(pose.theta)
 
-    def of_parts(value: Float[Array, " agents"]) -> Float[Array, " parts"]:
+    def of_parts(value: Float[Array, "agents *samples"]) -> Float[Array, "parts *samples"]:
         # A sum over a one-hot row instead of a gather: its transpose needs no scatter.
-        return jnp.concatenate([value, jnp.sum(parts.extra_owner * value[None], axis=-1)])
+        return jnp.concatenate([value, jnp.sum(parts.extra_owner * value[None], axis=1)])
 
     x, y, cos, sin = of_parts(pose.x), of_parts(pose.y), of_parts(cos), of_parts(sin)
     return RoundedBox(

@@ -78,6 +78,8 @@ def scene_features(z: Float[Array, "agents 3"], condition: TabletopCondition) ->
     pose, agents = decode(z, condition), z.shape[0]
     body = place(_bodies(condition.primitives, agents), pose)
     access = place(condition.access, pose)
+    # Placed once: XLA would fuse sines and cosines into the features of every pair.
+    body, access = jax.lax.optimization_barrier((body, access))
     node = node_features(body, access, condition.kind, condition.half_width, condition.half_depth)
     pair = pair_features(body.expand(1), body.expand(0), access.expand(1))
     return TeamFeatures(node, pair, condition.mask)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -10,11 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from deggflow.blocks import BLOCK, side_by_side
 from deggflow.certificate import Certificate, GenerationRecord, record
 from deggflow.flow import Field
 from deggflow.generation import DEFAULT_STEPS, generate, generate_batch, refined_grid
 from deggflow.guidance import AbstractGuidance, DecoupledGuidance, NoGuidance
-from deggflow.redraw import BATCHES, Candidate, draw, padded_batch
+from deggflow.redraw import Candidate, draw, padded_batch
 from deggflow.step_guard import StepGuard
 from deggflow.trace import Summary, Trace, summarise
 
@@ -46,8 +48,7 @@ class _Drawn(NamedTuple):
     trace: Trace | None
 
 
-@eqx.filter_jit
-def _program(
+def _generated(
     field: Field,
     guidance: AbstractGuidance,
     noise: Float[Array, "scenes agents 3"],
@@ -59,6 +60,9 @@ def _program(
     out = generate_batch(field, guidance, noise, condition, grid=grid, guard=guard)
     summary = jax.vmap(summarise)(out.trace, out.work, condition.mask)
     return _Drawn(out.z, summary, out.trace if keep_trace else None)
+
+
+_program = eqx.filter_jit(_generated)
 
 
 @jax.jit
@@ -115,6 +119,10 @@ class TabletopGenerator:
         self.field, self.grid = field, refined_grid(steps, power)
         self.guidance = NoGuidance() if guidance is None else guidance
         self.guard = None if guidance is None else guard
+        self._together = partial(_program, field)
+        # Of a few rows, laying out the weights is most of a product's work: as constants they are laid out once.
+        self._alone = eqx.filter_jit(partial(_generated, field))
+        self._compiled: set[tuple[int, bool, frozenset[bool]]] = set()
 
     def guidance_for(self, condition: SceneCondition) -> AbstractGuidance:
         """The guidance, with the shared requirement on the centre of mass if the condition asks for it."""
@@ -134,15 +142,37 @@ class TabletopGenerator:
         arrays = to_arrays(conditions, agents)
         z = np.zeros((len(conditions), agents, 3), np.float32)
         records: list[GenerationRecord | None] = [None] * len(conditions)
-        for part in _alike(conditions):
-            guidance = self.guidance_for(conditions[part[0]])
-            drawn = self.draw(noise[part, :agents], take(arrays, part), guidance, keep_trace)
+        parts = _alike(conditions)
+        for part, (guidance, drawn) in zip(
+            parts, self._drawn(noise, conditions, arrays, parts, keep_trace), strict=True
+        ):
             z[part] = drawn.z
             for k, number in enumerate(part):
                 summary, trace = jax.tree.map(lambda leaf, k=k: leaf[k], drawn[1:])
                 records[number] = _record(guidance, summary, trace, conditions[number].objects)
         poses = [decode_exactly(state, c) for state, c in zip(z, conditions, strict=True)]
         return Batch(z, poses, records)
+
+    def _drawn(
+        self,
+        noise: Float[np.ndarray, "scenes agents 3"],
+        conditions: Sequence[SceneCondition],
+        arrays: TabletopCondition,
+        parts: Sequence[Int[np.ndarray, " part"]],
+        keep_trace: bool,
+    ) -> list[tuple[AbstractGuidance, _Drawn]]:
+        """Guidance and outcome of each part, full parts side by side."""
+        agents = arrays.mask.shape[1]
+
+        def one(part: Int[np.ndarray, " part"]) -> tuple[AbstractGuidance, _Drawn]:
+            guidance = self.guidance_for(conditions[part[0]])
+            own = noise[part, :agents], take(arrays, part)
+            return guidance, self.draw(*own, guidance, keep_trace)
+
+        kind = agents, keep_trace, frozenset(conditions[p[0]].balance is None for p in parts)
+        done = side_by_side(one, parts, compiled=kind in self._compiled)
+        self._compiled.add(kind)
+        return done
 
     def draw(
         self,
@@ -154,8 +184,7 @@ class TabletopGenerator:
         """The compiled program alone, in float32, as numpy arrays; nothing decoded or judged."""
         count = len(noise)
         index = np.resize(np.arange(count), padded_batch(count))
-        drawn = _program(
-            self.field,
+        drawn = (self._alone if count == 1 else self._together)(
             self.guidance if guidance is None else guidance,
             jnp.asarray(noise[index]),
             take(arrays, index),
@@ -217,8 +246,7 @@ def _alike(conditions: Sequence[SceneCondition]) -> list[Int[np.ndarray, " part"
     """Parts of a batch that one compiled program takes: those with a shared requirement apart from those without."""
     balanced = np.array([condition.balance is not None for condition in conditions])
     groups = np.flatnonzero(~balanced), np.flatnonzero(balanced)
-    size = BATCHES[-1]
-    return [group[k : k + size] for group in groups for k in range(0, len(group), size)]
+    return [group[k : k + BLOCK] for group in groups for k in range(0, len(group), BLOCK)]
 
 
 def _record(

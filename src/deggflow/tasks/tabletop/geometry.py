@@ -89,7 +89,7 @@ def box_distance(a: RoundedBox, b: RoundedBox) -> Float[Array, "..."]:
     return _combine(near, gap, a.radius + b.radius)
 
 
-def pairwise_distance(boxes: RoundedBox) -> Float[Array, "boxes boxes"]:
+def pairwise_distance(boxes: RoundedBox) -> Float[Array, "boxes boxes *samples"]:
     """Signed distance of every pair of a list of boxes, in m; the diagonal means nothing.
 
     Each ordered pair is looked at once, from one side, and the two sides are combined by a transpose:
@@ -97,7 +97,8 @@ def pairwise_distance(boxes: RoundedBox) -> Float[Array, "boxes boxes"]:
     """
     near, gap = _one_way(boxes.expand(1), boxes.expand(0))
     radii = boxes.radius[:, None] + boxes.radius[None, :]
-    return _combine(jnp.minimum(near, near.T), jnp.maximum(gap, gap.T), radii)
+    across = near.swapaxes(0, 1), gap.swapaxes(0, 1)
+    return _combine(jnp.minimum(near, across[0]), jnp.maximum(gap, across[1]), radii)
 
 
 def separating_gap(a: RoundedBox, b: RoundedBox) -> Float[Array, "..."]:
@@ -117,7 +118,7 @@ def separating_gap(a: RoundedBox, b: RoundedBox) -> Float[Array, "..."]:
 
 
 def wall_margins(
-    box: RoundedBox, half_width: Float[Array, ""], half_depth: Float[Array, ""]
+    box: RoundedBox, half_width: Float[Array, "..."], half_depth: Float[Array, "..."]
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
     """How far a box stays inside the table along x and along y, in m; negative where it sticks out."""
     reach_x = box.half_x * jnp.abs(box.cos) + box.half_y * jnp.abs(box.sin) + box.radius

@@ -2,11 +2,15 @@
 
 Margins are signed distances in m, `h >= 0` where the requirement holds. This file serves guidance, data
 and the field; the verdict on a finished scene is `verdict.py`, which shares nothing with it.
+
+Arrays may have a last axis of samples (`*samples`): a batch's small squares of pairs are computed three times as fast side by
+side as one after the other.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
@@ -20,24 +24,27 @@ ABSENT = 1e3  # m, margin of a requirement that does not exist (padding, an obje
 class Margins(NamedTuple):
     """Every margin of a scene, in m; `ABSENT` where there is none."""
 
-    separation: Float[Array, "primitives primitives"]
-    unobstructed: Float[Array, "regions primitives"]
-    object_wall: Float[Array, "2 primitives"]  # inside the table along x, along y
-    region_wall: Float[Array, "2 regions"]
+    separation: Float[Array, "primitives primitives *samples"]
+    unobstructed: Float[Array, "regions primitives *samples"]
+    object_wall: Float[Array, "2 primitives *samples"]  # inside the table along x, along y
+    region_wall: Float[Array, "2 regions *samples"]
 
 
-def _between_owners(a: Parts, b: Parts) -> Bool[Array, "a b"]:
+def _between_owners(a: Parts, b: Parts) -> Bool[Array, "a b *samples"]:
     apart = a.owner[:, None] != b.owner[None, :]
     return apart & a.valid[:, None] & b.valid[None, :]
 
 
-def _walls(box: RoundedBox, valid: Bool[Array, " parts"], condition: TabletopCondition) -> Array:
-    margins = jnp.stack(wall_margins(box, condition.half_width, condition.half_depth))
+def _walls(
+    box: RoundedBox, valid: Bool[Array, "parts *samples"], condition: TabletopCondition
+) -> Float[Array, "2 parts *samples"]:
+    half = jnp.asarray(condition.half_width)[None], jnp.asarray(condition.half_depth)[None]
+    margins = jnp.stack(wall_margins(box, *half))
     return jnp.where(valid[None], margins, ABSENT)
 
 
-def scene_margins(z: Float[Array, "agents 3"], condition: TabletopCondition) -> Margins:
-    """All margins of one scene at the state z."""
+def scene_margins(z: Float[Array, "agents 3 *samples"], condition: TabletopCondition) -> Margins:
+    """All margins of one scene at the state z, or of a batch along the last axes."""
     pose = decode(z, condition)
     primitives = place(condition.primitives, pose)
     regions = place(condition.regions, pose)
@@ -58,8 +65,10 @@ def least_margin(z: Float[Array, "agents 3"], condition: TabletopCondition) -> F
     return jnp.min(jnp.stack([jnp.min(margin) for margin in margins]))
 
 
-def _to_agents(value: Float[Array, " parts"], parts: Parts) -> Float[Array, " agents"]:
-    agents = parts.extra_owner.shape[-1]
+def _to_agents(
+    value: Float[Array, "parts *samples"], parts: Parts
+) -> Float[Array, "agents *samples"]:
+    agents = parts.extra_owner.shape[1]
     extra = jnp.sum(parts.extra_owner * value[agents:, None], axis=0)
     return value[:agents] + extra
 
@@ -74,8 +83,8 @@ class HingeViolation(eqx.Module):
     buffer: float = eqx.field(static=True, default=0.02)  # m, delta^PE
 
     def __call__(
-        self, z: Float[Array, "agents 3"], condition: TabletopCondition
-    ) -> Float[Array, " agents"]:
+        self, z: Float[Array, "agents 3 *samples"], condition: TabletopCondition
+    ) -> Float[Array, "agents *samples"]:
         """V_i of each agent."""
         hinge = Margins(
             *(
@@ -88,6 +97,37 @@ class HingeViolation(eqx.Module):
         return _to_agents(of_primitives, condition.primitives) + _to_agents(
             of_regions, condition.regions
         )
+
+    def and_gradient(
+        self, z: Float[Array, "agents 3"], condition: TabletopCondition
+    ) -> tuple[Float[Array, " agents"], Float[Array, "agents 3"]]:
+        """V_i of each agent, and the gradient of their sum; a batch (by `vmap`) has its samples along the last axis."""
+
+        def both(
+            z: Float[Array, "agents 3 *samples"], condition: TabletopCondition
+        ) -> tuple[Float[Array, "agents *samples"], Float[Array, "agents 3 *samples"]]:
+            def total(
+                z: Float[Array, "agents 3 *samples"],
+            ) -> tuple[Float[Array, ""], Float[Array, "agents *samples"]]:
+                parts = self(z, condition)
+                return jnp.sum(parts), parts
+
+            gradient, parts = jax.grad(total, has_aux=True)(z)
+            return parts, gradient
+
+        one = jax.custom_batching.custom_vmap(both)
+
+        @one.def_vmap
+        def _(size: int, batched: Any, z: Any, condition: Any) -> Any:
+            def last(leaf: Array, has: bool) -> Array:
+                if not has:
+                    leaf = jnp.broadcast_to(leaf, (size, *jnp.shape(leaf)))
+                return jnp.moveaxis(leaf, 0, -1)
+
+            out = both(*jax.tree.map(last, (z, condition), tuple(batched)))
+            return jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -1, 0), out), (True, True)
+
+        return one(z, condition)
 
 
 def dependence(

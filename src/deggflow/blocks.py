@@ -1,0 +1,33 @@
+"""Large batches as blocks that a core's cache holds, one core each."""
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+A = TypeVar("A")
+B = TypeVar("B")
+
+BLOCK = 128  # samples; the messages of four times as many leave the cache, and each sample takes twice as long
+
+
+def cores() -> int:
+    """How many cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def side_by_side(call: Callable[[A], B], parts: Sequence[A], *, compiled: bool) -> list[B]:
+    """What `call` makes of each part, in order: one thread to a core, as a program of small arrays uses only one.
+
+    Args:
+        call: Runs a compiled program and waits for its result.
+        parts: What to call it with.
+        compiled: Whether the program is compiled already; if not, the first part compiles it for the others.
+    """
+    if len(parts) < 2 or cores() < 2:
+        return [call(part) for part in parts]
+    first = [] if compiled else [call(parts[0])]
+    with ThreadPoolExecutor(cores()) as pool:
+        return first + list(pool.map(call, parts[len(first) :]))
