@@ -5,6 +5,9 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
+import numpy as np
+from jaxtyping import Int
+
 A = TypeVar("A")
 B = TypeVar("B")
 
@@ -16,6 +19,11 @@ def cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+def blocks(count: int) -> list[Int[np.ndarray, " samples"]]:
+    """Numbers of samples by block; all are full but the last."""
+    return [np.arange(k, min(k + BLOCK, count)) for k in range(0, count, BLOCK)]
 
 
 def side_by_side(call: Callable[[A], B], parts: Sequence[A], *, compiled: bool) -> list[B]:

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from deggflow.blocks import BLOCK, side_by_side
+from deggflow.blocks import blocks, side_by_side
 from deggflow.certificate import GenerationRecord, record
 from deggflow.generation import generate, refined_grid
 from deggflow.guidance import AbstractGuidance, DecoupledGuidance, NoGuidance
@@ -159,20 +159,15 @@ class PolicyGenerator:
             condition: Of all trials; numpy arrays in float64, rounded for the generation.
         """
         agents, count = condition.mask.shape[1], len(noise)
-        size = padded_batch(min(count, BLOCK))
-        indices = [
-            np.resize(np.arange(start, min(start + size, count)), size)
-            for start in range(0, count, size)
-        ]
         parts = side_by_side(
-            lambda index: self._padded(noise[index, :agents], take(condition, index)),
-            indices,
+            lambda index: self._block(noise[index, :agents], take(condition, index)),
+            blocks(count),
             compiled=agents in self._compiled,
         )
         self._compiled.add(agents)
         *leaves, summary = zip(*parts, strict=True)
-        joined = [np.concatenate(leaf)[:count] for leaf in leaves]
-        whole = jax.tree.map(lambda *leaf: np.concatenate(leaf)[:count], *summary)
+        joined = [np.concatenate(leaf) for leaf in leaves]
+        whole = jax.tree.map(lambda *leaf: np.concatenate(leaf), *summary)
         names = self.guidance.names if isinstance(self.guidance, DecoupledGuidance) else ()
         twists, q_task, bound, q_safe, speed = joined
         return Policies(twists, q_task, bound, q_safe, speed, whole, names)
@@ -180,13 +175,23 @@ class PolicyGenerator:
     def draw(
         self, noise: Float[np.ndarray, "trials agents dim"], condition: BridgeCondition
     ) -> Drawn:
-        """The compiled program alone, in float32: z(1) of every trial, nothing checked yet."""
+        """The compiled program alone, in float32, large batches in blocks: z(1) of every trial, nothing checked yet."""
         program = self._alone if len(noise) == 1 else self._together
-        return program(self.guidance, jnp.asarray(noise), condition, self.grid, self.guard)
 
-    def _padded(
+        def one(index: Int[np.ndarray, " trials"]) -> Drawn:
+            given = jnp.asarray(noise[index]), take(condition, index)
+            return jax.block_until_ready(program(self.guidance, *given, self.grid, self.guard))
+
+        parts = side_by_side(one, blocks(len(noise)), compiled=noise.shape[1] in self._compiled)
+        return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
+
+    def _block(
         self, noise: Float[np.ndarray, "trials agents dim"], condition: BridgeCondition
     ) -> tuple[Any, ...]:
+        """A block of policies with their ends, padded to one of the sizes that programs are compiled for."""
+        count = len(noise)
+        index = np.resize(np.arange(count), padded_batch(count))
+        noise, condition = noise[index], take(condition, index)
         single = jax.tree.map(_single, condition)
         drawn = self.draw(noise, single)
         with jax.enable_x64(True):
@@ -197,7 +202,8 @@ class PolicyGenerator:
             contact_speeds(twists[:, :EXECUTED], np.asarray(condition.contacts)) * condition.mask
         )
         summary = jax.tree.map(np.asarray, drawn.summary)
-        return twists, values[:, 0], values[:, 1], values[:, 2], speed, summary
+        found = twists, values[:, 0], values[:, 1], values[:, 2], speed, summary
+        return jax.tree.map(lambda leaf: leaf[:count], found)
 
     def trace(self, z0: Float[np.ndarray, "agents dim"], condition: BridgeCondition) -> Trace:
         """The generation of one trial's policy step by step."""

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from deggflow.blocks import BLOCK, side_by_side
+from deggflow.blocks import blocks, side_by_side
 from deggflow.certificate import Certificate, GenerationRecord, record
 from deggflow.flow import Field
 from deggflow.generation import DEFAULT_STEPS, generate, generate_batch, refined_grid
@@ -122,7 +122,7 @@ class TabletopGenerator:
         self._together = partial(_program, field)
         # Of a few rows, laying out the weights is most of a product's work: as constants they are laid out once.
         self._alone = eqx.filter_jit(partial(_generated, field))
-        self._compiled: set[tuple[int, bool, frozenset[bool]]] = set()
+        self._compiled: set[tuple[int, bool, bool]] = set()
 
     def guidance_for(self, condition: SceneCondition) -> AbstractGuidance:
         """The guidance, with the shared requirement on the centre of mass if the condition asks for it."""
@@ -142,37 +142,15 @@ class TabletopGenerator:
         arrays = to_arrays(conditions, agents)
         z = np.zeros((len(conditions), agents, 3), np.float32)
         records: list[GenerationRecord | None] = [None] * len(conditions)
-        parts = _alike(conditions)
-        for part, (guidance, drawn) in zip(
-            parts, self._drawn(noise, conditions, arrays, parts, keep_trace), strict=True
-        ):
+        for part in _alike(conditions):
+            guidance = self.guidance_for(conditions[part[0]])
+            drawn = self.draw(noise[part, :agents], take(arrays, part), guidance, keep_trace)
             z[part] = drawn.z
             for k, number in enumerate(part):
                 summary, trace = jax.tree.map(lambda leaf, k=k: leaf[k], drawn[1:])
                 records[number] = _record(guidance, summary, trace, conditions[number].objects)
         poses = [decode_exactly(state, c) for state, c in zip(z, conditions, strict=True)]
         return Batch(z, poses, records)
-
-    def _drawn(
-        self,
-        noise: Float[np.ndarray, "scenes agents 3"],
-        conditions: Sequence[SceneCondition],
-        arrays: TabletopCondition,
-        parts: Sequence[Int[np.ndarray, " part"]],
-        keep_trace: bool,
-    ) -> list[tuple[AbstractGuidance, _Drawn]]:
-        """Guidance and outcome of each part, full parts side by side."""
-        agents = arrays.mask.shape[1]
-
-        def one(part: Int[np.ndarray, " part"]) -> tuple[AbstractGuidance, _Drawn]:
-            guidance = self.guidance_for(conditions[part[0]])
-            own = noise[part, :agents], take(arrays, part)
-            return guidance, self.draw(*own, guidance, keep_trace)
-
-        kind = agents, keep_trace, frozenset(conditions[p[0]].balance is None for p in parts)
-        done = side_by_side(one, parts, compiled=kind in self._compiled)
-        self._compiled.add(kind)
-        return done
 
     def draw(
         self,
@@ -181,17 +159,30 @@ class TabletopGenerator:
         guidance: AbstractGuidance | None = None,
         keep_trace: bool = False,
     ) -> _Drawn:
-        """The compiled program alone, in float32, as numpy arrays; nothing decoded or judged."""
+        """The compiled program alone, in float32, as numpy arrays, large batches in blocks; nothing decoded or judged."""
+        guidance = self.guidance if guidance is None else guidance
+
+        def one(index: Int[np.ndarray, " scenes"]) -> _Drawn:
+            return self._block(noise[index], take(arrays, index), guidance, keep_trace)
+
+        kind = noise.shape[1], keep_trace, guidance is self.guidance
+        parts = side_by_side(one, blocks(len(noise)), compiled=kind in self._compiled)
+        self._compiled.add(kind)
+        return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
+
+    def _block(
+        self,
+        noise: Float[np.ndarray, "scenes agents 3"],
+        arrays: TabletopCondition,
+        guidance: AbstractGuidance,
+        keep_trace: bool,
+    ) -> _Drawn:
+        """`draw` of a block, padded to one of the sizes that programs are compiled for."""
         count = len(noise)
         index = np.resize(np.arange(count), padded_batch(count))
-        drawn = (self._alone if count == 1 else self._together)(
-            self.guidance if guidance is None else guidance,
-            jnp.asarray(noise[index]),
-            take(arrays, index),
-            self.grid,
-            self.guard,
-            keep_trace,
-        )
+        program = self._alone if count == 1 else self._together
+        given = guidance, jnp.asarray(noise[index]), take(arrays, index)
+        drawn = program(*given, self.grid, self.guard, keep_trace)
         return jax.tree.map(lambda leaf: np.asarray(leaf)[:count], drawn)
 
     def path(self, z0: Float[np.ndarray, "agents 3"], condition: SceneCondition) -> list[Poses]:
@@ -243,10 +234,9 @@ class TabletopGenerator:
 
 
 def _alike(conditions: Sequence[SceneCondition]) -> list[Int[np.ndarray, " part"]]:
-    """Parts of a batch that one compiled program takes: those with a shared requirement apart from those without."""
+    """Parts of a batch that one guidance takes: those with a shared requirement apart from those without."""
     balanced = np.array([condition.balance is not None for condition in conditions])
-    groups = np.flatnonzero(~balanced), np.flatnonzero(balanced)
-    return [group[k : k + BLOCK] for group in groups for k in range(0, len(group), BLOCK)]
+    return [group for group in (np.flatnonzero(~balanced), np.flatnonzero(balanced)) if len(group)]
 
 
 def _record(
