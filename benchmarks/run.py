@@ -33,15 +33,17 @@ class Settings:
 
 def subjects() -> dict[str, Subject]:
     """Everything that is measured, by name, in the order of the table."""
-    from suite import generation, joint, parts, processes, qp, script, speed
+    from suite import generation, halls, joint, parts, processes, qp, script, speed
 
     return {
         "scenes": generation.scenes,
         "policies": generation.policies,
+        "halls": halls.halls,
         "parts": parts.parts,
         "speed": speed.speed,
         "compile": processes.compiling,
         "memory": processes.memory,
+        "command": processes.command,
         "start": processes.start_up,
         "qp": qp.agents,
         "script": script.script,

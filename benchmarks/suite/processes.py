@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -80,6 +81,31 @@ def memory(patience: Patience, quick: bool) -> Iterator[Row]:
         )
         first = first or row
         yield row
+
+
+def command(patience: Patience, quick: bool) -> Iterator[Row]:
+    """The command a user types for ten thousand scenes, each with its certificate; programs compiled before."""
+    for count in (1, 130) if quick else (512, 10_000):
+        with tempfile.TemporaryDirectory() as folder:
+            out = Path(folder) / "scenes.jsonl"
+            given = [
+                "tabletop",
+                "generate",
+                "--size",
+                "8",
+                "--count",
+                str(count),
+                "--out",
+                str(out),
+            ]
+            call = [sys.executable, "-m", "deggflow.app.cli", *given]
+            begin = time.perf_counter()
+            subprocess.run(call, capture_output=True, check=True)
+            seconds = time.perf_counter() - begin
+            held = out.read_text().count('"satisfied": true')
+        name, what = f"command/{count}", " ".join(["deggflow", *given[:-2]])
+        figures = {"s": seconds, "certified": float(held)}
+        yield Row(name, what, 1000 * seconds, count, figures=figures)
 
 
 def start_up(patience: Patience, quick: bool) -> Iterator[Row]:

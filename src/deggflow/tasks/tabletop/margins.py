@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float
 
 from .codec import decode, place
 from .condition import Parts, TabletopCondition
-from .geometry import RoundedBox, pairwise_distance, point_distance, wall_margins
+from .geometry import RoundedBox, larger, pairwise_distance, point_distance, wall_margins
 
 ABSENT = 1e3  # m, margin of a requirement that does not exist (padding, an object with itself)
 
@@ -87,10 +87,7 @@ class HingeViolation(eqx.Module):
     ) -> Float[Array, "agents *samples"]:
         """V_i of each agent."""
         hinge = Margins(
-            *(
-                jnp.maximum(self.buffer - margin, 0.0) ** 2 / 2
-                for margin in scene_margins(z, condition)
-            )
+            *(larger(self.buffer - margin, 0.0) ** 2 / 2 for margin in scene_margins(z, condition))
         )
         of_primitives = hinge.separation.sum(axis=1) + hinge.object_wall.sum(axis=0)
         of_regions = hinge.unobstructed.sum(axis=1) + hinge.region_wall.sum(axis=0)

@@ -30,7 +30,6 @@ from deggflow.redraw import Candidate, draw
 from deggflow.step_guard import StepGuard
 from deggflow.tasks.tabletop.condition import SceneCondition
 from deggflow.tasks.tabletop.generator import (
-    GUARD,
     MAX_DRAWS,
     Batch,
     TabletopGenerator,
@@ -54,6 +53,9 @@ from .margins import HallViolation, dependence
 
 HEARD, BESIDE = 32, 12  # neighbours for which field and requirements have room
 CROWDS = (1, 2, 4)  # times that room, tried in turn where it does not do
+GUARD = StepGuard(
+    halvings=1
+)  # of many pairs some always stand at a kink, where no step is short enough
 
 
 def hall_guidance(slots: int = BESIDE, *, balanced: bool = False) -> DecoupledGuidance:
@@ -204,11 +206,12 @@ class HallGenerator:
 
 
 def halls_like(generator: TabletopGenerator) -> HallGenerator:
-    """A generator of halls with the field, grid and guard of a generator of scenes, guided if that one is."""
+    """A generator of halls with the field and grid of a generator of scenes, guided and guarded if that one is."""
     if not isinstance(generator.field, MessagePassingField):
         raise TypeError("halls need a `MessagePassingField`: other fields have no cut-off radius.")
     guided = isinstance(generator.guidance, DecoupledGuidance)
-    return HallGenerator(generator.field, guided, grid=generator.grid, guard=generator.guard)
+    guard = None if generator.guard is None else GUARD
+    return HallGenerator(generator.field, guided, grid=generator.grid, guard=guard)
 
 
 def make_scenes(
@@ -222,7 +225,7 @@ def make_scenes(
 ) -> list[Scene]:
     """Scenes and halls alike, in the order of the conditions; a scene does not depend on the halls beside it.
 
-    Args: as of `TabletopGenerator.scenes`; halls take field, grid and guard from `generator`.
+    Args: as of `TabletopGenerator.scenes`; halls are made by `halls_like(generator)`.
     """
     out: list[Scene] = []
     for hall, part in groupby(conditions, is_hall):

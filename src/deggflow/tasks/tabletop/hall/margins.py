@@ -15,6 +15,7 @@ from deggflow.neighbours import Neighbours, find_neighbours
 from deggflow.tasks.tabletop.geometry import (
     RoundedBox,
     box_distance,
+    larger,
     point_distance,
     wall_margins,
 )
@@ -102,7 +103,7 @@ class HallViolation(eqx.Module):
         agents = len(condition.mask)
 
         def hinge(margin: Float[Array, "..."]) -> Float[Array, "..."]:
-            return jnp.maximum(self.buffer - margin, 0.0) ** 2 / 2
+            return larger(self.buffer - margin, 0.0) ** 2 / 2
 
         between = hinge(margins.separation)
         other = condition.bodies.owner[margins.beside.who]
