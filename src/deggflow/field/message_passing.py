@@ -22,6 +22,11 @@ def apply(layer: eqx.nn.Linear, x: Float[Array, "*rows inputs"]) -> Float[Array,
     return out if layer.bias is None else out + jnp.expand_dims(layer.bias, range(x.ndim - 1))
 
 
+def _bias(layer: eqx.nn.Linear) -> Float[Array, "1 outputs"]:
+    assert layer.bias is not None
+    return layer.bias[None]
+
+
 def apply_mlp(mlp: eqx.nn.MLP, x: Float[Array, "*rows inputs"]) -> Float[Array, "*rows outputs"]:
     """The same of a multilayer perceptron."""
     for layer in mlp.layers[:-1]:
@@ -43,8 +48,8 @@ class Links(NamedTuple):
 class MessageRound(eqx.Module):
     """One exchange of messages, then a residual update of every agent.
 
-    The message's first layer is split into receiver, sender and pair parts, and messages are summed
-    before the next linear layer: the same function as one network over concatenated inputs, cheaper.
+    Layers over concatenated inputs are split into one for each part, and messages are summed before the next
+    linear layer: the same function, cheaper.
     """
 
     receiver: eqx.nn.Linear
@@ -74,8 +79,9 @@ class MessageRound(eqx.Module):
         for k in range(pair.shape[1]):
             message = jax.nn.silu(receiver + sender[:, k] + of_pair[:, k])
             total = total + links.weight[:, k, None] * message
-        joint = jnp.concatenate([hidden, MESSAGE_SCALE * total], axis=-1)
-        return hidden + apply(self.outer, jax.nn.silu(apply(self.inner, joint)))
+        own, heard = jnp.split(self.inner.weight, 2, axis=1)
+        joint = hidden @ own.T + (MESSAGE_SCALE * total) @ heard.T + _bias(self.inner)
+        return hidden + apply(self.outer, jax.nn.silu(joint))
 
 
 class MessagePassingField(eqx.Module):

@@ -1,7 +1,6 @@
 """Certified halls from the tabletop's nominal field, one hall at a time."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from functools import partial
 from itertools import groupby
 from typing import NamedTuple
@@ -53,9 +52,7 @@ from .margins import HallViolation, dependence
 
 HEARD, BESIDE = 32, 12  # neighbours for which field and requirements have room
 CROWDS = (1, 2, 4)  # times that room, tried in turn where it does not do
-GUARD = StepGuard(
-    halvings=1
-)  # of many pairs some always stand at a kink, where no step is short enough
+GUARD = StepGuard(halvings=1)  # some of many pairs always stand at a kink: no step is short enough
 
 
 def hall_guidance(slots: int = BESIDE, *, balanced: bool = False) -> DecoupledGuidance:
@@ -73,7 +70,7 @@ def hall_guidance(slots: int = BESIDE, *, balanced: bool = False) -> DecoupledGu
 def imbalance(
     tau: Float[Array, ""], z: Float[Array, "agents 3"], condition: HallCondition
 ) -> Float[Array, ""]:
-    """Q of the requirement on the centre of mass."""
+    """The q of the requirement on the centre of mass."""
     return imbalance_of(decode(z, condition), condition.mass, condition.balance)
 
 
@@ -143,7 +140,6 @@ class HallGenerator:
         number: int = 0,
         max_draws: int = MAX_DRAWS,
         keep_trace: bool = False,
-        on_draw: Callable[[int, Scene], None] | None = None,
     ) -> Scene:
         """A hall with its certificate; a draw that fails is made again from a new z(0).
 
@@ -152,11 +148,7 @@ class HallGenerator:
 
         def attempt(_: Sequence[int], drawn: int) -> list[Candidate[Poses]]:
             batch = self.batch(condition, seed, number, drawn, keep_trace=keep_trace)
-            found = judged(batch, [condition])
-            if on_draw is not None:
-                certificate = replace(found[0].certificate, draws=drawn + 1)
-                on_draw(number, Scene(condition, found[0].sample, certificate, seed))
-            return found
+            return judged(batch, [condition])
 
         (made,) = draw(attempt, 1, max_draws)
         return Scene(condition, made.sample, made.certificate, seed)
