@@ -88,7 +88,8 @@ class TrainingCurves:
             text=(
                 "Seeds differ in initial weights, batches, noise and times; the data are the same. The loss of "
                 f"Task 1 is {LOSSES['bridge']}, that of Task 2 {LOSSES['tabletop']}; neither comes to zero, as a field doesn't know "
-                "which noise a point of the path came from. deggflow reproduce --retrain trains all seeds again.",
+                "which noise a point of the path came from. The noise of the validation is drawn once for each seed, and most of the validation's "
+                "band is that draw. deggflow reproduce --retrain trains all seeds again.",
             ),
             tables=(table,),
             plots=(plot,),
