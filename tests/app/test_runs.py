@@ -54,6 +54,27 @@ def test_a_chunk_that_was_cut_is_made_again_whole_and_its_rest_is_kept(ten, tmp_
     assert capsys.readouterr().out.encode() == whole.read_bytes()
 
 
+@pytest.mark.parametrize("count", [1, 4, 5, 9, 10, 30])
+def test_chunks_begun_ahead_come_in_order(ten, count):
+    wanted = Wanted(count, 0, ten.part)
+    for first in range(count + 1):
+        ahead = [row for rows in wanted.chunks(make, first, ahead=True) for row in rows]
+        assert ahead == [row for rows in wanted.chunks(make, first) for row in rows]
+        assert [row.number for row in ahead] == list(range(first, count))
+
+
+def test_an_error_in_a_chunk_begun_ahead_ends_the_run(ten):
+    def fail(conditions, first):
+        if first == 8:
+            raise ValueError("chunk 8")
+        return make(conditions, first)
+
+    chunks = ten.chunks(fail, 0, ahead=True)
+    assert [row.number for row in next(chunks) + next(chunks)] == list(range(8))
+    with pytest.raises(ValueError, match="chunk 8"):
+        next(chunks)
+
+
 def test_conditions_come_from_a_file_or_are_drawn(tmp_path):
     ways = {
         "sizes": (2, 8),

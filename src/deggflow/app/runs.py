@@ -2,7 +2,9 @@
 
 import json
 import sys
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -76,15 +78,44 @@ class Wanted(Generic[C]):
     part: Callable[[int, int], list[C]]  # number of the first, how many
 
     def chunks(
-        self, generate: Callable[[list[C], int], list[R]], first: int, chunk: int = CHUNK
+        self,
+        generate: Callable[[list[C], int], list[R]],
+        first: int,
+        chunk: int | None = None,
+        *,
+        ahead: bool = False,
     ) -> Iterator[list[R]]:
         """Results from number `first` on, some at a time; `generate` is given conditions and the number of the first.
 
         A chunk that a kill cut in two is generated again whole, as another batch rounds differently.
+
+        Args:
+            generate: Conditions and the number of the first of them -> results.
+            first: Number of the first result that is wanted.
+            chunk: How many at a time; `CHUNK` if None.
+            ahead: Begin with the next chunk while one is judged and written; `generate` is called from two threads.
         """
-        for start in range(first // chunk * chunk, self.count, chunk):
-            results = generate(self.part(start, min(chunk, self.count - start)), start)
-            yield results[max(0, first - start) :]
+        chunk = CHUNK if chunk is None else chunk
+
+        def results(start: int) -> list[R]:
+            found = generate(self.part(start, min(chunk, self.count - start)), start)
+            return found[max(0, first - start) :]
+
+        starts = range(first // chunk * chunk, self.count, chunk)
+        if not ahead or len(starts) < 2:
+            yield from map(results, starts)
+            return
+        yield results(starts[0])  # compiles for the others
+        pool = ThreadPoolExecutor(2)
+        try:
+            coming = deque(pool.submit(results, start) for start in starts[1:3])
+            for start in starts[3:]:
+                yield coming.popleft().result()
+                coming.append(pool.submit(results, start))
+            while coming:
+                yield coming.popleft().result()
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 def wanted(

@@ -9,7 +9,6 @@ import tyro
 from deggflow.jsonl import InputError, ResumableOutput
 
 from .runs import (
-    CHUNK,
     MAX_COUNT,
     MAX_SEED,
     deliver,
@@ -183,10 +182,11 @@ def generate(
             generator, conditions, seed=seed, first=first, max_draws=limit, keep_trace=trace
         )
 
-    chunk = 1 if is_hall(asked.part(0, 1)[0]) else CHUNK  # halls gain nothing from being many
+    # Halls gain nothing from being many, and each uses the whole machine.
+    halls = is_hall(asked.part(0, 1)[0])
 
     def chunks(first: int, _: "Progress") -> "Iterator[list[Scene]]":
-        return asked.chunks(make, first, chunk)
+        return asked.chunks(make, first, 1 if halls else None, ahead=not halls)
 
     failed = deliver(
         target, asked.count, "scenes", lambda row: not row["certificate"]["satisfied"], chunks
