@@ -12,7 +12,7 @@ from .files import write_atomically
 
 T = TypeVar("T")
 
-MAX_LINE = 8 << 20  # bytes; a hall of 10,000 objects takes a quarter of it
+MAX_LINE = 4 << 20  # bytes; a hall of 10,000 objects takes half of it
 MAX_LINES = 1_000_000
 
 
