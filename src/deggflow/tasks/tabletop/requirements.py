@@ -1,6 +1,8 @@
 """The tabletop's guidance: private affordance requirements, and a shared one on the centre of mass."""
 
+from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -27,6 +29,8 @@ OWN, POOLED = Own(), Pooled()
 LOCAL = Local(partial(dependence, buffer=BUFFER))
 INSIDE = 0.98  # of the circle's radius is what guidance aims at: the rest pays for rounding
 RECOVERY = 40.0  # gain of alpha above the bound
+
+FactorValue = Callable[[Float[Array, ""], Float[Array, "agents 3"], Any], Float[Array, ""]]
 
 
 def tabletop_guidance(
@@ -65,13 +69,15 @@ def imbalance_of(
     return (((x - x0) ** 2 + (y - y0) ** 2) / (INSIDE * radius) ** 2 - 1) / 2
 
 
-BALANCE = SharedRequirements(
-    (
-        SharedFactor(
-            imbalance, TighteningBound(least=0.0), alpha=Recovering(RECOVERY), name="balance"
-        ),
+def balance_of(value: FactorValue) -> SharedRequirements:
+    """The shared requirement that keeps q below zero at the end."""
+    bound = TighteningBound(least=0.0)
+    return SharedRequirements(
+        (SharedFactor(value, bound, alpha=Recovering(RECOVERY), name="balance"),)
     )
-)
+
+
+BALANCE = balance_of(imbalance)
 
 
 def with_balance(guidance: DecoupledGuidance) -> DecoupledGuidance:

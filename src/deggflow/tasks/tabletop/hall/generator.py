@@ -20,10 +20,6 @@ from deggflow.guidance import (
     LocalPairs,
     NoGuidance,
     PrivateRequirement,
-    Recovering,
-    SharedFactor,
-    SharedRequirements,
-    TighteningBound,
 )
 from deggflow.redraw import Candidate, draw
 from deggflow.step_guard import StepGuard
@@ -34,7 +30,7 @@ from deggflow.tasks.tabletop.generator import (
     TabletopGenerator,
     judged,
 )
-from deggflow.tasks.tabletop.requirements import RECOVERY, imbalance_of
+from deggflow.tasks.tabletop.requirements import balance_of, imbalance_of
 from deggflow.tasks.tabletop.scene import Scene
 from deggflow.tasks.tabletop.verdict import BUFFER, Poses
 from deggflow.trace import Summary, Trace, summarise
@@ -74,13 +70,7 @@ def imbalance(
     return imbalance_of(decode(z, condition), condition.mass, condition.balance)
 
 
-BALANCE = SharedRequirements(
-    (
-        SharedFactor(
-            imbalance, TighteningBound(least=0.0), alpha=Recovering(RECOVERY), name="balance"
-        ),
-    )
-)
+BALANCE = balance_of(imbalance)
 
 
 class _Drawn(NamedTuple):
