@@ -11,7 +11,7 @@ from jaxtyping import Int
 A = TypeVar("A")
 B = TypeVar("B")
 
-BLOCK = 128  # samples; the messages of four times as many leave the cache, and each sample takes twice as long
+BLOCK = 64  # samples; the messages of eight times as many leave the cache, and each sample takes twice as long
 
 
 def cores() -> int:

@@ -8,12 +8,8 @@ from .certificate import Certificate
 
 T = TypeVar("T")
 
-BATCHES = (
-    1,
-    16,
-    128,
-    512,
-)  # sizes of compiled batches; the last partial batch is padded to one of them
+# Sizes of compiled batches; the last partial batch is padded to one of them.
+BATCHES = (1, 16, 64, 128, 512)
 
 
 @dataclass(frozen=True)

@@ -108,7 +108,9 @@ def test_gradients_are_finite_at_zero_rows():
     assert jnp.all(jnp.isfinite(jax.grad(effort)(jnp.zeros((2, 3)))))
 
 
-@pytest.mark.parametrize(("rows", "inputs"), [(3, 2), (6, 4)])
+@pytest.mark.parametrize(
+    ("rows", "inputs"), [(3, 1), (3, 2), (4, 3), (8, 3), (12, 3), (6, 4), (14, 3)]
+)
 def test_any_number_of_rows_by_kkt_or_by_a_linear_program(rows, inputs):
     """Either the KKT conditions hold, or a linear program finds no point either."""
     drawn = [instance(seed, rows, inputs) for seed in range(200)]
@@ -120,18 +122,38 @@ def test_any_number_of_rows_by_kkt_or_by_a_linear_program(rows, inputs):
     u, feasible = np.asarray(out.u), np.asarray(out.feasible)
     assert 0 < feasible.mean() < 1
     for k in range(len(drawn)):
-        norm = np.linalg.norm(ell[k], axis=1)
-        unit, distance = ell[k] / norm[:, None], b[k] / norm
-        free = linprog(np.zeros(inputs), unit, -distance, bounds=(None, None))
-        assert feasible[k] == (free.status == 0)
-        if feasible[k]:
-            scale = 1 + np.linalg.norm(metric[k]) * np.linalg.norm(u[k])
-            gradient = 2 * metric[k] @ u[k]
-            slack = unit @ u[k] + distance
-            assert np.all(slack <= 1e-8 * scale)
-            binding = unit[slack > -1e-7 * scale]
-            left = nnls(binding.T, -gradient)[1] if len(binding) else np.linalg.norm(gradient)
-            assert left <= 1e-6 * scale
+        check_kkt_or_linear_program(ell[k], b[k], metric[k], u[k], feasible[k])
+
+
+@pytest.mark.parametrize(("rows", "inputs"), [(5, 2), (7, 3), (12, 3), (5, 4)])
+def test_rows_on_a_grid_that_meet_in_one_point_or_coincide(rows, inputs):
+    """Small whole numbers: many rows are equal, opposed or pass through a common point, and sets just touch."""
+    rng = np.random.default_rng(rows)
+    ell = rng.integers(-1, 2, (300, rows, inputs)).astype(float)
+    ell[..., 0] += 2.0 * (ell == 0).all(axis=-1)  # no row of zeros
+    b = rng.integers(-2, 2, (300, rows)).astype(float)
+    with jax.enable_x64(True):
+        out = jax.jit(jax.vmap(min_norm_input))(jnp.asarray(ell), jnp.asarray(b))
+    u, feasible = np.asarray(out.u), np.asarray(out.feasible)
+    assert 0 < feasible.mean() < 1
+    for k in range(len(ell)):
+        check_kkt_or_linear_program(ell[k], b[k], np.eye(inputs), u[k], feasible[k])
+
+
+def check_kkt_or_linear_program(ell, b, metric, u, feasible):
+    norm = np.linalg.norm(ell, axis=1)
+    unit, distance = ell / norm[:, None], b / norm
+    free = linprog(np.zeros(len(u)), unit, -distance, bounds=(None, None))
+    assert feasible == (free.status == 0)
+    if not feasible:
+        return
+    scale = 1 + np.linalg.norm(metric) * np.linalg.norm(u)
+    gradient = 2 * metric @ u
+    slack = unit @ u + distance
+    assert np.all(slack <= 1e-8 * scale)
+    binding = unit[slack > -1e-7 * scale]
+    left = nnls(binding.T, -gradient)[1] if len(binding) else np.linalg.norm(gradient)
+    assert left <= 1e-6 * scale
 
 
 def test_three_rows_that_contradict_each_other_are_infeasible():

@@ -1,8 +1,8 @@
 """The local QP of one agent: the smallest input that meets its rows.
 
 In the metric's own coordinates the QP is the projection of the origin onto a polyhedron. Up to two rows are
-solved in closed form; more by a dual active-set method, which ends after finitely many steps with the exact
-solution or with the proof that there is none.
+solved in closed form; more row by row where there are few inputs, else by a dual active-set method. Each ends after
+finitely many steps with the exact solution or with the proof that there is none.
 """
 
 from typing import NamedTuple
@@ -12,6 +12,7 @@ from jax.scipy.linalg import solve_triangular
 from jaxtyping import Array, Bool, Float
 
 from .active_set import project_origin, resolution
+from .row_by_row import MAX_INPUTS, MAX_ROWS, project_row_by_row
 
 
 class MinNormInput(NamedTuple):
@@ -47,7 +48,8 @@ def min_norm_input(
     Raises:
         ValueError: A limit is not positive.
 
-    Source: paper, eqn:SE_local_QP and eqn:PE_local_qp_general; dual active set after Goldfarb and Idnani (1983).
+    Source: paper, eqn:SE_local_QP and eqn:PE_local_qp_general; row by row after Seidel (1991), dual active set
+    after Goldfarb and Idnani (1983).
     """
     check_limits(box, norm)
     inputs = ell.shape[1]
@@ -92,6 +94,8 @@ def _project(
         return -jnp.maximum(distance[0], 0.0) * unit[0], jnp.asarray(True)
     if unit.shape[0] == 2:
         return _project_two(unit, distance)
+    if unit.shape[0] <= MAX_ROWS and unit.shape[1] <= MAX_INPUTS:
+        return project_row_by_row(unit, distance)
     return project_origin(unit, distance, resolution(unit.dtype))
 
 
