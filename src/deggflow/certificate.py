@@ -183,7 +183,8 @@ def record(
 
 def _number(value: Any) -> float:
     """A number that files can hold: what has diverged stands at the end of the scale."""
-    return float(np.clip(np.nan_to_num(np.float64(value), nan=1e12), -1e12, 1e12))
+    number = float(value)
+    return min(max(number, -1e12), 1e12) if number == number else 1e12
 
 
 def _trace_record(trace: Trace) -> TraceRecord:

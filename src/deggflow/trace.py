@@ -1,6 +1,6 @@
 """What a generation leaves behind: its trace, the work it took, and both in a few numbers."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -47,11 +47,12 @@ class Summary(NamedTuple):
     work: Work
 
     @property
-    def held(self) -> Bool[Array, "..."]:
-        """Whether rows were feasible, the theorem's conditions held, and no value was above its limit."""
-        met = jnp.all(self.excess <= 0, axis=-1) & (self.work.above == 0)
-        able = jnp.all(self.stuck == 0, axis=(-2, -1))
-        return met & able & jnp.all(self.infeasible == 0, axis=-1)
+    def held(self) -> Any:
+        """Whether rows were feasible, the theorem's conditions held, and no value was above its limit; one for each sample."""
+        # Methods of the arrays themselves: thousands of records are made of numpy's, in Python.
+        met = (self.excess <= 0).all(axis=-1) & (self.work.above == 0)
+        able = (self.stuck == 0).all(axis=(-2, -1))
+        return met & able & (self.infeasible == 0).all(axis=-1)
 
 
 def summarise(trace: Trace, work: Work, present: Bool[Array, " agents"] | None = None) -> Summary:

@@ -1,6 +1,12 @@
 """Nominal vector fields."""
 
-from .features import TIME_FEATURES, TeamFeatures, time_features
+from .features import TIME_FEATURES, TeamFeatures, stack_features, time_features
 from .message_passing import MessagePassingField
 
-__all__ = ["TIME_FEATURES", "MessagePassingField", "TeamFeatures", "time_features"]
+__all__ = [
+    "TIME_FEATURES",
+    "MessagePassingField",
+    "TeamFeatures",
+    "stack_features",
+    "time_features",
+]

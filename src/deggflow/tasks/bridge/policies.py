@@ -177,9 +177,10 @@ class PolicyGenerator:
     ) -> Drawn:
         """The compiled program alone, in float32, large batches in blocks: z(1) of every trial, nothing checked yet."""
         program = self._alone if len(noise) == 1 else self._together
+        condition = jax.tree.map(np.asarray, condition)  # to pick from JAX's arrays takes programs
 
         def one(index: Int[np.ndarray, " trials"]) -> Drawn:
-            given = jnp.asarray(noise[index]), take(condition, index)
+            given = noise[index], take(condition, index)
             return jax.block_until_ready(program(self.guidance, *given, self.grid, self.guard))
 
         parts = side_by_side(one, blocks(len(noise)), compiled=noise.shape[1] in self._compiled)
@@ -214,5 +215,5 @@ class PolicyGenerator:
         )
 
 
-def _single(leaf: np.ndarray) -> Array:
-    return jnp.asarray(leaf if leaf.dtype == bool else leaf.astype(np.float32))
+def _single(leaf: np.ndarray) -> np.ndarray:
+    return leaf if leaf.dtype == bool else leaf.astype(np.float32)

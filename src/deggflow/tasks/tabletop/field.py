@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
-from deggflow.field import MessagePassingField, TeamFeatures
+from deggflow.field import MessagePassingField, TeamFeatures, stack_features
 from deggflow.weights import load_card, load_weights
 
 from .codec import decode, place
@@ -37,13 +37,11 @@ def pair_features(
     receiver: RoundedBox,
     sender: RoundedBox,
     receiver_access: RoundedBox,
-    sender_access: RoundedBox | None = None,
+    sender_access: RoundedBox,
 ) -> Float[Array, "receivers senders 12"]:
-    """Relative poses and gaps of pairs; `sender_access` is None where receivers and senders are the same, in order."""
+    """Relative poses and gaps of pairs."""
     dx, dy = (sender.x - receiver.x) / REACH, (sender.y - receiver.y) / REACH
-    blocked = separating_gap(receiver_access, sender)
-    blocking = blocked.T if sender_access is None else separating_gap(sender_access, receiver)
-    return jnp.stack(
+    return stack_features(
         [
             receiver.cos * dx + receiver.sin * dy,
             receiver.cos * dy - receiver.sin * dx,
@@ -52,10 +50,9 @@ def pair_features(
             receiver.cos * sender.cos + receiver.sin * sender.sin,
             receiver.cos * sender.sin - receiver.sin * sender.cos,
             *_graded(separating_gap(receiver, sender)),
-            *_graded(blocked),
-            *_graded(blocking),
-        ],
-        axis=-1,
+            *_graded(separating_gap(receiver_access, sender)),
+            *_graded(separating_gap(sender_access, receiver)),
+        ]
     )
 
 
@@ -81,7 +78,7 @@ def scene_features(z: Float[Array, "agents 3"], condition: TabletopCondition) ->
     # Placed once: XLA would fuse sines and cosines into the features of every pair.
     body, access = jax.lax.optimization_barrier((body, access))
     node = node_features(body, access, condition.kind, condition.half_width, condition.half_depth)
-    pair = pair_features(body.expand(1), body.expand(0), access.expand(1))
+    pair = pair_features(body.expand(1), body.expand(0), access.expand(1), access.expand(0))
     return TeamFeatures(node, pair, condition.mask)
 
 
