@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from deggflow.field import MessagePassingField, TeamFeatures, time_features
+from deggflow.field import MessagePassingField, TeamFeatures, stack_features, time_features
 
 
 def featurise(z, condition):
@@ -73,3 +73,22 @@ def test_with_a_silent_network_the_field_is_that_of_gaussian_data(field, key, ta
 def test_time_features_at_the_ends():
     np.testing.assert_allclose(time_features(jnp.asarray(0.0)), [0, 0, 1, 0, 1], atol=1e-6)
     np.testing.assert_allclose(time_features(jnp.asarray(1.0)), [1, 0, -1, 0, 1], atol=1e-6)
+
+
+def test_stacked_features_are_a_stack(key):
+    """Of samples at once too, and with its gradient."""
+    drawn = jax.random.normal(key, (3, 7, 4, 5))  # features, samples, receivers, senders
+
+    def weighed(stack, parts):
+        return jnp.sum(stack(list(parts)) ** 2 @ jnp.arange(3.0))
+
+    def usual(parts):
+        return jnp.stack(parts, axis=-1)
+
+    one = jax.vmap(lambda parts: stack_features(list(parts)), in_axes=1)(drawn)
+    np.testing.assert_array_equal(one, np.moveaxis(np.asarray(drawn), 0, -1))
+    np.testing.assert_allclose(
+        jax.grad(lambda x: weighed(stack_features, x))(drawn),
+        jax.grad(lambda x: weighed(usual, x))(drawn),
+        rtol=1e-6,
+    )
