@@ -33,7 +33,7 @@ class Settings:
 
 def subjects() -> dict[str, Subject]:
     """Everything that is measured, by name, in the order of the table."""
-    from suite import generation, halls, joint, parts, processes, qp, script, speed
+    from suite import generation, halls, joint, parts, processes, qp, rounding, script, speed
 
     return {
         "scenes": generation.scenes,
@@ -46,6 +46,7 @@ def subjects() -> dict[str, Subject]:
         "command": processes.command,
         "start": processes.start_up,
         "qp": qp.agents,
+        "bfloat16": rounding.bfloat16,
         "script": script.script,
         "joint": joint.joint,
     }

@@ -52,6 +52,16 @@ def test_every_parameter_takes_part(field, key):
     assert all(bool(jnp.any(g != 0)) and bool(jnp.all(jnp.isfinite(g))) for g in gradients)
 
 
+def test_bfloat16_rounds_products_and_nothing_else(field, key):
+    z, mask = jax.random.normal(key, (5, 2)), jnp.ones(5, bool)
+    rounded = field.in_bfloat16()
+    exact, close = field(jnp.asarray(0.4), z, mask), rounded(jnp.asarray(0.4), z, mask)
+    assert 0 < float(jnp.max(jnp.abs(exact - close))) < 0.02 * float(jnp.max(jnp.abs(exact)))
+    assert close.dtype == exact.dtype
+    for kept, made in zip(jax.tree.leaves(field), jax.tree.leaves(rounded), strict=True):
+        assert kept is made
+
+
 @pytest.mark.parametrize("tau", [0.0, 0.35, 1.0])
 def test_with_a_silent_network_the_field_is_that_of_gaussian_data(field, key, tau):
     """E[x1 - x0 | x(tau)] for x0 ~ N(0, 1), x1 ~ N(0, s^2), by regression on samples."""

@@ -16,9 +16,33 @@ MESSAGE_SCALE = (
 )
 
 
-def apply(layer: eqx.nn.Linear, x: Float[Array, "*rows inputs"]) -> Float[Array, "*rows outputs"]:
-    """A linear layer of every row: one product, laid out as the rows are (`vmap` of the layer transposes them)."""
-    out = x @ layer.weight.T
+Product = Callable[
+    [Float[Array, "*rows inputs"], Float[Array, "outputs inputs"]], Float[Array, "*rows outputs"]
+]
+"""Rows times the transpose of weights."""
+
+
+def product(
+    x: Float[Array, "*rows inputs"], weight: Float[Array, "outputs inputs"]
+) -> Float[Array, "*rows outputs"]:
+    """One product, laid out as the rows are (`vmap` of a layer transposes them)."""
+    return x @ weight.T
+
+
+def bfloat16_product(
+    x: Float[Array, "*rows inputs"], weight: Float[Array, "outputs inputs"]
+) -> Float[Array, "*rows outputs"]:
+    """The same of both rounded to bfloat16; sums are kept in float32."""
+    rounded = x.astype(jnp.bfloat16), weight.astype(jnp.bfloat16)
+    over = ((x.ndim - 1,), (1,)), ((), ())
+    return jax.lax.dot_general(*rounded, over, preferred_element_type=jnp.float32)
+
+
+def apply(
+    layer: eqx.nn.Linear, x: Float[Array, "*rows inputs"], times: Product = product
+) -> Float[Array, "*rows outputs"]:
+    """A linear layer of every row."""
+    out = times(x, layer.weight)
     return out if layer.bias is None else out + jnp.expand_dims(layer.bias, range(x.ndim - 1))
 
 
@@ -27,10 +51,12 @@ def _bias(layer: eqx.nn.Linear) -> Float[Array, "1 outputs"]:
     return layer.bias[None]
 
 
-def apply_mlp(mlp: eqx.nn.MLP, x: Float[Array, "*rows inputs"]) -> Float[Array, "*rows outputs"]:
-    """The same of a multilayer perceptron."""
+def apply_mlp(
+    mlp: eqx.nn.MLP, x: Float[Array, "*rows inputs"], times: Product = product
+) -> Float[Array, "*rows outputs"]:
+    """The same of a multilayer perceptron; its last layer is always multiplied in float32."""
     for layer in mlp.layers[:-1]:
-        x = mlp.activation(apply(layer, x))
+        x = mlp.activation(apply(layer, x, times))
     return apply(mlp.layers[-1], x)
 
 
@@ -71,17 +97,19 @@ class MessageRound(eqx.Module):
         hidden: Float[Array, "agents width"],
         pair: Float[Array, "agents others pair"],
         links: Links,
+        times: Product = product,
     ) -> Float[Array, "agents width"]:
         of_pair = apply(self.pair, pair)
-        receiver, sender = apply(self.receiver, hidden), links.spread(apply(self.sender, hidden))
+        receiver = apply(self.receiver, hidden, times)
+        sender = links.spread(apply(self.sender, hidden, times))
         total = jnp.zeros_like(hidden)
         # One sender after the other: all messages at once would not fit into the cache.
         for k in range(pair.shape[1]):
             message = jax.nn.silu(receiver + sender[:, k] + of_pair[:, k])
             total = total + links.weight[:, k, None] * message
         own, heard = jnp.split(self.inner.weight, 2, axis=1)
-        joint = hidden @ own.T + (MESSAGE_SCALE * total) @ heard.T + _bias(self.inner)
-        return hidden + apply(self.outer, jax.nn.silu(joint))
+        joint = times(hidden, own) + times(MESSAGE_SCALE * total, heard) + _bias(self.inner)
+        return hidden + apply(self.outer, jax.nn.silu(joint), times)
 
 
 class MessagePassingField(eqx.Module):
@@ -98,6 +126,7 @@ class MessagePassingField(eqx.Module):
     embed: eqx.nn.Linear
     rounds: tuple[MessageRound, ...]
     head: eqx.nn.MLP
+    times: Product = eqx.field(static=True)  # products of hidden states with weights
 
     def __init__(
         self,
@@ -113,7 +142,7 @@ class MessagePassingField(eqx.Module):
     ) -> None:
         """Args: node_size, pair_size: feature counts of `featurise`; spread: data's standard deviation per entry of z."""
         first, last, *middle = jax.random.split(key, 2 + rounds)
-        self.featurise, self.spread = featurise, spread
+        self.featurise, self.spread, self.times = featurise, spread, product
         self.embed = eqx.nn.Linear(node_size + len(spread) + TIME_FEATURES, width, key=first)
         self.rounds = tuple(MessageRound(width, pair_size, key=k) for k in middle)
         self.head = eqx.nn.MLP(
@@ -124,8 +153,18 @@ class MessagePassingField(eqx.Module):
         self, featurise: Callable[[Float[Array, "agents dim"], Any], TeamFeatures]
     ) -> "MessagePassingField":
         """The same weights over other features of the same sizes."""
+        return self._with("featurise", featurise)
+
+    def in_bfloat16(self) -> "MessagePassingField":
+        """The same weights, hidden states multiplied in bfloat16: for machines whose units for it are faster.
+
+        What z enters directly, features and the last layer stay in float32, and weights are stored in float32.
+        """
+        return self._with("times", bfloat16_product)
+
+    def _with(self, name: str, value: Any) -> "MessagePassingField":
         other = copy(self)
-        object.__setattr__(other, "featurise", featurise)
+        object.__setattr__(other, name, value)
         return other
 
     def __call__(
@@ -140,9 +179,9 @@ class MessagePassingField(eqx.Module):
         links = _links(features)
         hidden = jax.nn.silu(apply(self.embed, node))
         for message_round in self.rounds:
-            hidden = message_round(hidden, features.pair, links)
+            hidden = message_round(hidden, features.pair, links, self.times)
         linear = (tau * spread**2 - (1 - tau)) / variance * z
-        return linear + spread * jax.lax.rsqrt(variance) * apply_mlp(self.head, hidden)
+        return linear + spread * jax.lax.rsqrt(variance) * apply_mlp(self.head, hidden, self.times)
 
 
 def _links(features: TeamFeatures) -> Links:
