@@ -202,6 +202,14 @@ def test_scenes_and_halls_in_one_run(generator, mixed):
     np.testing.assert_array_equal(alone.poses, mixed[1].poses)
 
 
+def test_a_program_is_compiled_once(generator, mixed, caplog):
+    with jax.log_compiles(), caplog.at_level("WARNING"):
+        HallGenerator(generator.field).batch(BIG, 1, 1, 1)
+        assert not [line for line in caplog.messages if "Compiling" in line]
+        jax.jit(lambda x: x + 3)(jnp.ones(7))
+        assert [line for line in caplog.messages if "Compiling" in line]  # it would have been told
+
+
 def test_the_path_ends_where_the_scene_is(generator, mixed):
     path = HallGenerator(generator.field).path(BIG, 1, 1, mixed[1].certificate.draws - 1)
     np.testing.assert_allclose(path[-1], mixed[1].poses, atol=0.05)

@@ -1,6 +1,7 @@
 """The trained field in a hall: every object hears of those within a cut-off radius."""
 
-from functools import partial
+from collections.abc import Callable
+from functools import cache, partial
 
 import jax
 import jax.numpy as jnp
@@ -47,6 +48,11 @@ def hall_features(
     return TeamFeatures(node, pair, condition.mask, found.who, weight)
 
 
+@cache  # one object for each: compiled programs are found by what they were compiled for
+def _features(slots: int) -> Callable[[Float[Array, "agents 3"], HallCondition], TeamFeatures]:
+    return partial(hall_features, slots=slots)
+
+
 def hall_field(field: MessagePassingField, slots: int) -> MessagePassingField:
     """A tabletop field with the same weights, for halls."""
-    return field.reading(partial(hall_features, slots=slots))
+    return field.reading(_features(slots))

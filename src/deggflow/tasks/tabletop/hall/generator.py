@@ -1,7 +1,7 @@
 """Certified halls from the tabletop's nominal field, one hall at a time."""
 
 from collections.abc import Sequence
-from functools import partial
+from functools import cache, partial
 from itertools import groupby
 from typing import NamedTuple
 
@@ -51,6 +51,7 @@ CROWDS = (1, 2, 4)  # times that room, tried in turn where it does not do
 GUARD = StepGuard(halvings=1)  # some of many pairs always stand at a kink: no step is short enough
 
 
+@cache  # one object for each: compiled programs are found by what they were compiled for
 def hall_guidance(slots: int = BESIDE, *, balanced: bool = False) -> DecoupledGuidance:
     """Guidance of a hall: private requirements shared out among neighbours, and the balance if it is asked for."""
     affordance = PrivateRequirement(
