@@ -14,7 +14,7 @@ from deggflow.tasks.tabletop.field import SPREAD, load_field
 from deggflow.tasks.tabletop.generator import TabletopGenerator, initial_noise
 from deggflow.tasks.tabletop.requirements import POOLED, tabletop_guidance
 
-from .clock import Call, Kept, Patience, in_turn, seconds_of
+from .clock import Call, Kept, Patience, in_turn
 from .rows import Row, Way, rows_of
 
 SIZE, SEED = 8, 0
@@ -76,7 +76,11 @@ def _best_threads(call: Call, quick: bool) -> int:
     usual = torch.get_num_threads()
     if quick or usual == 1:
         return 1
-    return min((1, usual), key=lambda threads: seconds_of(partial(_with_threads, threads, call)))
+    times = in_turn(
+        {str(threads): partial(_with_threads, threads, call) for threads in (1, usual)},
+        Patience(seconds=1.0, least=2, most=10),
+    )
+    return int(min(times, key=lambda threads: min(times[threads])))
 
 
 def _with_threads(threads: int, call: Call) -> Any:
