@@ -5,6 +5,7 @@ the way. The record says what did: every requirement's value against its limit, 
 theorems held in every step.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
@@ -184,7 +185,7 @@ def record(
 def _number(value: Any) -> float:
     """A number that files can hold: what has diverged stands at the end of the scale."""
     number = float(value)
-    return min(max(number, -1e12), 1e12) if number == number else 1e12
+    return 1e12 if math.isnan(number) else min(max(number, -1e12), 1e12)
 
 
 def _trace_record(trace: Trace) -> TraceRecord:

@@ -2,7 +2,7 @@
 
 If the nearest point so far breaks the next row, the new one lies on that row's plane; if that plane's nearest
 point breaks a row, on the line where both planes meet. Everything has a fixed shape and acts on all samples of
-a batch at once, so that a compiled program spends a few microseconds on thousands of agents.
+a batch at once.
 """
 
 import jax
