@@ -5,7 +5,6 @@ import threading
 import pytest
 
 from deggflow import blocks
-from deggflow.redraw import padded_batch
 
 
 @pytest.mark.parametrize("cores", [1, 2, 5])
@@ -15,15 +14,6 @@ def test_every_part_is_done_in_order(monkeypatch, cores, count, compiled):
     monkeypatch.setattr(blocks, "cores", lambda: cores)
     parts = list(range(count))
     assert blocks.side_by_side(lambda x: x * x, parts, compiled=compiled) == [x * x for x in parts]
-
-
-@pytest.mark.parametrize("agents", [4, 6, 8, 12])
-@pytest.mark.parametrize("count", [0, 1, 63, 64, 129, 512])
-def test_blocks_hold_every_sample_once_and_are_full_but_the_last(count, agents):
-    made = blocks.blocks(count, agents)
-    assert [k for block in made for k in block] == list(range(count))
-    assert len({len(block) for block in made[:-1]}) <= 1
-    assert all(len(made[-1]) <= len(block) <= padded_batch(len(block)) for block in made)
 
 
 def test_the_first_part_is_alone_until_its_program_is_compiled(monkeypatch):

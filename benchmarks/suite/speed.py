@@ -51,7 +51,7 @@ def measure(batches: Sequence[int], patience: Patience) -> dict[str, Any]:
         run, given = _field(batch)
         name = f"field {batch}"
         # As generators do: in blocks, one core each.
-        parts = [jax.tree.map(lambda leaf, k=k: leaf[k], given) for k in blocks(batch, SIZE)]
+        parts = [jax.tree.map(lambda leaf, k=k: leaf[k], given) for k in blocks(batch)]
         calls[name] = partial(_side_by_side, run, parts)
         flops[name] = EVALUATIONS * _field_flops(batch)
         # XLA counts every operation, features and activations as well; on some backends it can't see inside products.

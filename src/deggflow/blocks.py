@@ -12,7 +12,6 @@ A = TypeVar("A")
 B = TypeVar("B")
 
 BLOCK = 64  # samples; the messages of eight times as many leave the cache, and each sample takes twice as long
-SMALL_TEAM = 6  # agents, up to which a block has twice as many: XLA repeats work in arrays of pairs below 16 KB
 
 
 def cores() -> int:
@@ -22,10 +21,9 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
-def blocks(count: int, agents: int) -> list[Int[np.ndarray, " samples"]]:
-    """Numbers of samples by block, for teams of a size; all blocks are full but the last."""
-    size = 2 * BLOCK if agents <= SMALL_TEAM else BLOCK
-    return [np.arange(k, min(k + size, count)) for k in range(0, count, size)]
+def blocks(count: int) -> list[Int[np.ndarray, " samples"]]:
+    """Numbers of samples by block; all are full but the last."""
+    return [np.arange(k, min(k + BLOCK, count)) for k in range(0, count, BLOCK)]
 
 
 def side_by_side(call: Callable[[A], B], parts: Sequence[A], *, compiled: bool) -> list[B]:

@@ -161,7 +161,7 @@ class PolicyGenerator:
         agents, count = condition.mask.shape[1], len(noise)
         parts = side_by_side(
             lambda index: self._block(noise[index, :agents], take(condition, index)),
-            blocks(count, agents),
+            blocks(count),
             compiled=agents in self._compiled,
         )
         self._compiled.add(agents)
@@ -183,9 +183,7 @@ class PolicyGenerator:
             given = noise[index], take(condition, index)
             return jax.block_until_ready(program(self.guidance, *given, self.grid, self.guard))
 
-        parts = side_by_side(
-            one, blocks(*noise.shape[:2]), compiled=noise.shape[1] in self._compiled
-        )
+        parts = side_by_side(one, blocks(len(noise)), compiled=noise.shape[1] in self._compiled)
         return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
 
     def _block(

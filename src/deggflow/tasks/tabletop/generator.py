@@ -166,7 +166,7 @@ class TabletopGenerator:
             return self._block(noise[index], take(arrays, index), guidance, keep_trace)
 
         kind = noise.shape[1], keep_trace, guidance is self.guidance
-        parts = side_by_side(one, blocks(*noise.shape[:2]), compiled=kind in self._compiled)
+        parts = side_by_side(one, blocks(len(noise)), compiled=kind in self._compiled)
         self._compiled.add(kind)
         return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
 

@@ -85,13 +85,6 @@ def _one_way(a: RoundedBox, b: RoundedBox) -> tuple[Float[Array, "..."], Float[A
     return near, larger(gap_x, gap_y)
 
 
-def _combine(
-    near: Float[Array, "..."], gap: Float[Array, "..."], radii: Float[Array, "..."]
-) -> Float[Array, "..."]:
-    separated = (gap > 0.0) & (near > 0.0)
-    return jnp.where(separated, _safe_sqrt(near, separated), smaller(gap, 0.0)) - radii
-
-
 def box_distance(a: RoundedBox, b: RoundedBox) -> Float[Array, "..."]:
     """Signed distance between rounded boxes, in m.
 
@@ -101,19 +94,9 @@ def box_distance(a: RoundedBox, b: RoundedBox) -> Float[Array, "..."]:
     near_a, gap_a = _one_way(a, b)
     near_b, gap_b = _one_way(b, a)
     near, gap = smaller(near_a, near_b), larger(gap_a, gap_b)
-    return _combine(near, gap, a.radius + b.radius)
-
-
-def pairwise_distance(boxes: RoundedBox) -> Float[Array, "boxes boxes *samples"]:
-    """Signed distance of every pair of a list of boxes, in m; the diagonal means nothing.
-
-    Each ordered pair is looked at once, from one side, and the two sides are combined by a transpose:
-    the work of counting each unordered pair once, without gathers.
-    """
-    near, gap = _one_way(boxes.expand(1), boxes.expand(0))
-    radii = boxes.radius[:, None] + boxes.radius[None, :]
-    across = near.swapaxes(0, 1), gap.swapaxes(0, 1)
-    return _combine(smaller(near, across[0]), larger(gap, across[1]), radii)
+    separated = (gap > 0.0) & (near > 0.0)
+    distance = jnp.where(separated, _safe_sqrt(near, separated), smaller(gap, 0.0))
+    return distance - a.radius - b.radius
 
 
 def separating_gap(a: RoundedBox, b: RoundedBox) -> Float[Array, "..."]:

@@ -3,7 +3,7 @@
 Margins are signed distances in m, `h >= 0` where the requirement holds. This file serves guidance, data
 and the field; the verdict on a finished scene is `verdict.py`, which shares nothing with it.
 
-Arrays may have a last axis of samples (`*samples`): a batch's small squares of pairs are computed three times as fast side by
+Arrays may have a last axis of samples (`*samples`): a batch's short lists of pairs are computed several times as fast side by
 side as one after the other.
 """
 
@@ -12,11 +12,13 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
 
 from .codec import decode, place
 from .condition import Parts, TabletopCondition
-from .geometry import RoundedBox, larger, pairwise_distance, point_distance, wall_margins
+from .geometry import RoundedBox, box_distance, larger, point_distance, wall_margins
+from .pairs import Pairs, between, pick, total, within
 
 ABSENT = 1e3  # m, margin of a requirement that does not exist (padding, an object with itself)
 
@@ -24,15 +26,32 @@ ABSENT = 1e3  # m, margin of a requirement that does not exist (padding, an obje
 class Margins(NamedTuple):
     """Every margin of a scene, in m; `ABSENT` where there is none."""
 
-    separation: Float[Array, "primitives primitives *samples"]
-    unobstructed: Float[Array, "regions primitives *samples"]
+    separation: Float[Array, "separations *samples"]  # of every two primitives, `Everyone.bodies`
+    unobstructed: Float[Array, "obstructions *samples"]  # of regions, `Everyone.regions`
     object_wall: Float[Array, "2 primitives *samples"]  # inside the table along x, along y
     region_wall: Float[Array, "2 regions *samples"]
 
 
-def _between_owners(a: Parts, b: Parts) -> Bool[Array, "a b *samples"]:
-    apart = a.owner[:, None] != b.owner[None, :]
-    return apart & a.valid[:, None] & b.valid[None, :]
+class Everyone(NamedTuple):
+    """Which parts the margins of a scene are between."""
+
+    bodies: Pairs  # of primitives
+    regions: Pairs  # a region and a primitive
+
+    @classmethod
+    def of(cls, condition: TabletopCondition) -> "Everyone":
+        """The pairs of a padded scene."""
+        primitives, regions = len(condition.primitives.x), len(condition.regions.x)
+        return cls(within(primitives), between(regions, primitives))
+
+
+def _between_owners(first: Parts, second: Parts, pairs: Pairs) -> Bool[Array, "pairs *samples"]:
+    apart = first.owner[pairs.first] != second.owner[pairs.second]
+    return apart & first.valid[pairs.first] & second.valid[pairs.second]
+
+
+def _picked(index: Int[np.ndarray, " pairs"], boxes: RoundedBox) -> RoundedBox:
+    return RoundedBox(*(pick(index, field) for field in boxes))
 
 
 def _walls(
@@ -45,17 +64,19 @@ def _walls(
 
 def scene_margins(z: Float[Array, "agents 3 *samples"], condition: TabletopCondition) -> Margins:
     """All margins of one scene at the state z, or of a batch along the last axes."""
-    pose = decode(z, condition)
-    primitives = place(condition.primitives, pose)
-    regions = place(condition.regions, pose)
-    separation = pairwise_distance(primitives)
-    free = point_distance(regions.x[:, None], regions.y[:, None], primitives.expand(0))
-    free = free - regions.radius[:, None]
+    pose, pairs = decode(z, condition), Everyone.of(condition)
+    bodies, regions = condition.primitives, condition.regions
+    placed, required = place(bodies, pose), place(regions, pose)
+    separation = box_distance(
+        _picked(pairs.bodies.first, placed), _picked(pairs.bodies.second, placed)
+    )
+    region, obstacle = _picked(pairs.regions.first, required), _picked(pairs.regions.second, placed)
+    free = point_distance(region.x, region.y, obstacle) - region.radius
     return Margins(
-        jnp.where(_between_owners(condition.primitives, condition.primitives), separation, ABSENT),
-        jnp.where(_between_owners(condition.regions, condition.primitives), free, ABSENT),
-        _walls(primitives, condition.primitives.valid, condition),
-        _walls(regions, condition.regions.valid, condition),
+        jnp.where(_between_owners(bodies, bodies, pairs.bodies), separation, ABSENT),
+        jnp.where(_between_owners(regions, bodies, pairs.regions), free, ABSENT),
+        _walls(placed, bodies.valid, condition),
+        _walls(required, regions.valid, condition),
     )
 
 
@@ -89,8 +110,12 @@ class HingeViolation(eqx.Module):
         hinge = Margins(
             *(larger(self.buffer - margin, 0.0) ** 2 / 2 for margin in scene_margins(z, condition))
         )
-        of_primitives = hinge.separation.sum(axis=1) + hinge.object_wall.sum(axis=0)
-        of_regions = hinge.unobstructed.sum(axis=1) + hinge.region_wall.sum(axis=0)
+        (first, second), regions = Everyone.of(condition)
+        of_primitives, of_regions = hinge.object_wall.sum(axis=0), hinge.region_wall.sum(axis=0)
+        size = len(of_primitives)
+        of_primitives += total(first, hinge.separation, size)
+        of_primitives += total(second, hinge.separation, size)
+        of_regions += total(regions.first, hinge.unobstructed, len(of_regions))
         return _to_agents(of_primitives, condition.primitives) + _to_agents(
             of_regions, condition.regions
         )
@@ -132,10 +157,12 @@ def dependence(
 ) -> Bool[Array, "owners agents"]:
     """Which agents' states each V_j depends on now: itself, and whoever takes part in an active margin of j."""
     margins = scene_margins(z, condition)
-    agents = condition.mask.shape[-1]
-    identity = jnp.eye(agents)
-    primitive_owner = jnp.concatenate([identity, condition.primitives.extra_owner])
-    region_owner = jnp.concatenate([identity, condition.regions.extra_owner])
-    active = primitive_owner.T @ (margins.separation < buffer) @ primitive_owner
-    active = active + region_owner.T @ (margins.unobstructed < buffer) @ primitive_owner
-    return (active > 0.0) | jnp.eye(agents, dtype=bool)
+    (first, second), (region, obstacle) = Everyone.of(condition)
+    identity = jnp.eye(condition.mask.shape[-1])
+    owner = jnp.concatenate([identity, condition.primitives.extra_owner])
+    of_region = jnp.concatenate([identity, condition.regions.extra_owner])
+    beside = (margins.separation < buffer)[:, None] * owner[first]
+    active = beside.T @ owner[second]
+    blocked = (margins.unobstructed < buffer)[:, None] * of_region[region]
+    active = active + active.T + blocked.T @ owner[obstacle]
+    return (active > 0.0) | jnp.eye(len(active), dtype=bool)

@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from deggflow.guidance import (
@@ -41,15 +40,7 @@ def flat_margins(
     z: Float[Array, "agents 3"], condition: TabletopCondition
 ) -> Float[Array, " constraints"]:
     """Every margin h of a scene in one list, in m, each pair once."""
-    margins = scene_margins(z, condition)
-    first, second = np.triu_indices(margins.separation.shape[0], 1)
-    parts = (
-        margins.separation[first, second],
-        margins.unobstructed.reshape(-1),
-        margins.object_wall.reshape(-1),
-        margins.region_wall.reshape(-1),
-    )
-    return jnp.concatenate(parts)
+    return jnp.concatenate([margin.reshape(-1) for margin in scene_margins(z, condition)])
 
 
 @dataclass(frozen=True)
