@@ -150,9 +150,18 @@ def test_a_sample_in_a_batch_is_what_it_is_alone():
     np.testing.assert_allclose(together.z, np.array([one.z for one in alone]), atol=1e-3)
 
 
-def test_a_guard_without_halvings_is_refused():
-    with pytest.raises(ValueError, match="`halvings` must be at least 1"):
-        StepGuard(0)
+def test_a_guard_without_halvings_refuses_nothing_and_counts():
+    """The steps are those of no guard; those that landed above a limit are known."""
+    guidance = DecoupledGuidance((SharedRequirements((SharedFactor(wall),)),))
+    plain, counted = batch(guidance, None, 12), batch(guidance, StepGuard(0), 12)
+    np.testing.assert_allclose(counted.z, plain.z, atol=1e-5)
+    np.testing.assert_array_equal(counted.work.refused, 0)
+    np.testing.assert_array_equal(counted.work.evaluations, 13)
+    over = (counted.trace.value > counted.trace.limit)[:, 1:].any(-1).sum(-1)  # no step led to z(0)
+    np.testing.assert_array_equal(counted.work.above, over)
+    assert (over > 0).mean() > 0.2
+    with pytest.raises(ValueError, match="`halvings` must not be negative"):
+        StepGuard(-1)
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from deggflow.blocks import BLOCK
 from deggflow.generation import refined_grid
 from deggflow.guidance import DecoupledGuidance, min_norm_input
 from deggflow.solver import EULER
@@ -35,7 +36,7 @@ Evaluation = Callable[[Float[Array, "agents 3"], Any], Float[Array, "agents 3"]]
 
 def parts(patience: Patience, quick: bool) -> Iterator[Row]:
     """Rows of each part, over the field's."""
-    for batch in (1, 16) if quick else (1, 512):
+    for batch in (1, 16) if quick else (1, BLOCK):
         calls, what = _calls(batch)
         whole = in_turn(calls, patience)
         times: Times = {name: [s / REPEATS for s in each] for name, each in whole.items()}
@@ -54,8 +55,8 @@ def _calls(batch: int) -> tuple[dict[str, Call], dict[str, str]]:
     violation = guidance.requirements[0].violation
 
     def value_and_gradient(z: Any, condition: Any) -> Any:
-        value, gradient = jax.value_and_grad(lambda z: jnp.sum(violation(z, condition)))(z)
-        return gradient + value
+        parts, gradient = violation.and_gradient(z, condition)
+        return gradient + parts[:, None]
 
     def one_row(z: Any, condition: Any) -> Any:
         return jax.vmap(min_norm_input)(z[:, None], z[:, :1]).u

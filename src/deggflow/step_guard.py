@@ -29,15 +29,16 @@ LAST = 16  # the last sixteenth of a batch is finished by itself
 
 @dataclass(frozen=True)
 class StepGuard:
-    """How often a step may be halved between two points of the grid."""
+    """How often a step may be halved between two points of the grid.
+
+    With 0 no step is refused; those that land above a limit are counted, and requirements told, all the same.
+    """
 
     halvings: int = 4
 
     def __post_init__(self) -> None:
-        if self.halvings < 1:
-            raise ValueError(
-                f"`halvings` must be at least 1; got {self.halvings}. Without a guard steps are fixed."
-            )
+        if self.halvings < 0:
+            raise ValueError(f"`halvings` must not be negative; got {self.halvings}.")
 
 
 class Lane(NamedTuple):

@@ -17,7 +17,13 @@ from deggflow.tasks.tabletop.condition import SceneCondition, take
 from deggflow.tasks.tabletop.condition import to_arrays as scene_arrays
 from deggflow.tasks.tabletop.field import load_field
 from deggflow.tasks.tabletop.generator import TabletopGenerator
-from deggflow.tasks.tabletop.hall import HallGenerator, hall_guidance, is_hall, make_scenes
+from deggflow.tasks.tabletop.hall import (
+    HallGenerator,
+    hall_guidance,
+    halls_like,
+    is_hall,
+    make_scenes,
+)
 from deggflow.tasks.tabletop.hall.condition import (
     anchors,
     decode,
@@ -190,8 +196,10 @@ def test_a_guided_hall_holds_and_says_so(generator, mixed):
     assert not refutes(BIG, mixed[1].poses)
     exact = judge([BIG], [mixed[1].poses])[0].min_margin
     assert least_margin(BIG, mixed[1].poses) == pytest.approx(exact, abs=1e-9)
-    assert certificate.generation is not None
-    assert certificate.generation.requirements[0].name == "affordance"
+    record = certificate.generation
+    assert record is not None
+    assert record.requirements[0].name == "affordance"
+    assert (record.steps, record.refused) == (130, 0)  # whatever the size
     before = HallGenerator(generator.field, guided=False).batch(BIG, 1, 1, 0)
     assert judge([BIG], before.poses)[0].breaches
 
@@ -213,6 +221,12 @@ def test_a_program_is_compiled_once(generator, mixed, caplog):
 def test_the_path_ends_where_the_scene_is(generator, mixed):
     path = HallGenerator(generator.field).path(BIG, 1, 1, mixed[1].certificate.draws - 1)
     np.testing.assert_allclose(path[-1], mixed[1].poses, atol=0.05)
+
+
+def test_a_hall_takes_more_steps_in_the_same_proportion(generator):
+    fewer = TabletopGenerator(generator.field, generator.guidance, steps=20, power=1.0)
+    np.testing.assert_allclose(halls_like(fewer).grid, np.linspace(0, 1, 27), atol=1e-6)
+    np.testing.assert_array_equal(halls_like(generator).grid, HallGenerator(generator.field).grid)
 
 
 def test_a_hall_without_room_is_told(generator):

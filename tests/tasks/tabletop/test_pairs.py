@@ -15,14 +15,14 @@ def test_each_pair_stands_there_once():
     assert list(zip(*between(3, 4), strict=True)) == list(product(range(3), range(4)))
 
 
-@pytest.mark.parametrize("samples", [(), (7,)])
+@pytest.mark.parametrize("samples", [(), (7,), (2, 3)])
 def test_picked_are_the_numbers_themselves(samples):
     parts = np.random.default_rng(0).normal(size=(6, *samples)).astype(np.float32)
     for index in within(6):
         np.testing.assert_array_equal(jax.jit(lambda x, k=index: pick(k, x))(parts), parts[index])
 
 
-@pytest.mark.parametrize("samples", [(), (7,)])
+@pytest.mark.parametrize("samples", [(), (7,), (2, 3)])
 def test_total_adds_up_what_belongs_to_each_part(samples):
     pairs = within(6)
     values = np.random.default_rng(1).normal(size=(len(pairs.first), *samples)).astype(np.float32)

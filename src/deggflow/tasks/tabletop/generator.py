@@ -116,7 +116,8 @@ class TabletopGenerator:
         guard: StepGuard | None = GUARD,
     ) -> None:
         """Args: field: nominal field; guidance: `NoGuidance()` if None; steps, power: of `refined_grid`; guard: of guided steps; None: fixed steps."""
-        self.field, self.grid = field, refined_grid(steps, power)
+        self.field, self.steps, self.power = field, steps, power
+        self.grid = refined_grid(steps, power)
         self.guidance = NoGuidance() if guidance is None else guidance
         self.guard = None if guidance is None else guard
         self._together = partial(_program, field)

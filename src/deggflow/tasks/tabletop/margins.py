@@ -26,20 +26,20 @@ ABSENT = 1e3  # m, margin of a requirement that does not exist (padding, an obje
 class Margins(NamedTuple):
     """Every margin of a scene, in m; `ABSENT` where there is none."""
 
-    separation: Float[Array, "separations *samples"]  # of every two primitives, `Everyone.bodies`
-    unobstructed: Float[Array, "obstructions *samples"]  # of regions, `Everyone.regions`
+    separation: Float[Array, "separations *samples"]  # of every two primitives, `ScenePairs.bodies`
+    unobstructed: Float[Array, "obstructions *samples"]  # of regions, `ScenePairs.regions`
     object_wall: Float[Array, "2 primitives *samples"]  # inside the table along x, along y
     region_wall: Float[Array, "2 regions *samples"]
 
 
-class Everyone(NamedTuple):
+class ScenePairs(NamedTuple):
     """Which parts the margins of a scene are between."""
 
     bodies: Pairs  # of primitives
     regions: Pairs  # a region and a primitive
 
     @classmethod
-    def of(cls, condition: TabletopCondition) -> "Everyone":
+    def of(cls, condition: TabletopCondition) -> "ScenePairs":
         """The pairs of a padded scene."""
         primitives, regions = len(condition.primitives.x), len(condition.regions.x)
         return cls(within(primitives), between(regions, primitives))
@@ -64,7 +64,7 @@ def _walls(
 
 def scene_margins(z: Float[Array, "agents 3 *samples"], condition: TabletopCondition) -> Margins:
     """All margins of one scene at the state z, or of a batch along the last axes."""
-    pose, pairs = decode(z, condition), Everyone.of(condition)
+    pose, pairs = decode(z, condition), ScenePairs.of(condition)
     bodies, regions = condition.primitives, condition.regions
     placed, required = place(bodies, pose), place(regions, pose)
     separation = box_distance(
@@ -110,7 +110,7 @@ class HingeViolation(eqx.Module):
         hinge = Margins(
             *(larger(self.buffer - margin, 0.0) ** 2 / 2 for margin in scene_margins(z, condition))
         )
-        (first, second), regions = Everyone.of(condition)
+        (first, second), regions = ScenePairs.of(condition)
         of_primitives, of_regions = hinge.object_wall.sum(axis=0), hinge.region_wall.sum(axis=0)
         size = len(of_primitives)
         of_primitives += total(first, hinge.separation, size)
@@ -128,13 +128,13 @@ class HingeViolation(eqx.Module):
         def both(
             z: Float[Array, "agents 3 *samples"], condition: TabletopCondition
         ) -> tuple[Float[Array, "agents *samples"], Float[Array, "agents 3 *samples"]]:
-            def total(
+            def summed(
                 z: Float[Array, "agents 3 *samples"],
             ) -> tuple[Float[Array, ""], Float[Array, "agents *samples"]]:
                 parts = self(z, condition)
                 return jnp.sum(parts), parts
 
-            gradient, parts = jax.grad(total, has_aux=True)(z)
+            gradient, parts = jax.grad(summed, has_aux=True)(z)
             return parts, gradient
 
         one = jax.custom_batching.custom_vmap(both)
@@ -157,7 +157,7 @@ def dependence(
 ) -> Bool[Array, "owners agents"]:
     """Which agents' states each V_j depends on now: itself, and whoever takes part in an active margin of j."""
     margins = scene_margins(z, condition)
-    (first, second), (region, obstacle) = Everyone.of(condition)
+    (first, second), (region, obstacle) = ScenePairs.of(condition)
     identity = jnp.eye(condition.mask.shape[-1])
     owner = jnp.concatenate([identity, condition.primitives.extra_owner])
     of_region = jnp.concatenate([identity, condition.regions.extra_owner])

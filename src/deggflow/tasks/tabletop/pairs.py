@@ -46,5 +46,5 @@ def total(
 def _product(
     matrix: Float[np.ndarray, "rows columns"], values: Float[Array, "columns *samples"]
 ) -> Float[Array, "rows *samples"]:
-    ones = jnp.asarray(matrix, values.dtype)
-    return jnp.matmul(ones, values, precision=jax.lax.Precision.HIGHEST)  # exact on every device
+    ones, exactly = jnp.asarray(matrix, values.dtype), jax.lax.Precision.HIGHEST  # on every device
+    return jnp.tensordot(ones, values, 1, precision=exactly)

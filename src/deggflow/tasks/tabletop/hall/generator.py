@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, Int
 
 from deggflow.certificate import record
 from deggflow.field import MessagePassingField
-from deggflow.generation import generate, refined_grid
+from deggflow.generation import DEFAULT_STEPS, generate, refined_grid
 from deggflow.guidance import (
     AbstractGuidance,
     DecoupledGuidance,
@@ -48,7 +48,10 @@ from .margins import HallViolation, dependence
 
 HEARD, BESIDE = 32, 12  # neighbours for which field and requirements have room
 CROWDS = (1, 2, 4)  # times that room, tried in turn where it does not do
-GUARD = StepGuard(halvings=1)  # some of many pairs always stand at a kink: no step is short enough
+# Some of many pairs always stand at a kink, where V rises for any step: nothing is gained by refusing the step of a
+# whole hall. Its steps are shorter from the start.
+GUARD = StepGuard(halvings=0)
+SHORTER = 1.3  # steps of a hall to those of a table
 
 
 @cache  # one object for each: compiled programs are found by what they were compiled for
@@ -118,9 +121,9 @@ class HallGenerator:
         grid: Float[Array, " points"] | None = None,
         guard: StepGuard | None = GUARD,
     ) -> None:
-        """Args: field: the tabletop's nominal field; guided: else nominal; grid: `refined_grid()` if None; guard: of guided steps."""
+        """Args: field: the tabletop's nominal field; guided: else nominal; grid: 130 steps if None; guard: of guided steps."""
         self.field, self.guided = field, guided
-        self.grid = refined_grid() if grid is None else grid
+        self.grid = refined_grid(_steps(DEFAULT_STEPS)) if grid is None else grid
         self.guard = guard if guided else None
 
     def scene(
@@ -188,13 +191,18 @@ class HallGenerator:
         return hall_guidance(BESIDE * crowd, balanced=condition.balance is not None)
 
 
+def _steps(of_table: int) -> int:
+    return round(SHORTER * of_table)
+
+
 def halls_like(generator: TabletopGenerator) -> HallGenerator:
-    """A generator of halls with the field and grid of a generator of scenes, guided and guarded if that one is."""
+    """A generator of halls with the field and 1.3 times the steps of a generator of scenes, guided and guarded if that one is."""
     if not isinstance(generator.field, MessagePassingField):
         raise TypeError("halls need a `MessagePassingField`: other fields have no cut-off radius.")
     guided = isinstance(generator.guidance, DecoupledGuidance)
     guard = None if generator.guard is None else GUARD
-    return HallGenerator(generator.field, guided, grid=generator.grid, guard=guard)
+    grid = refined_grid(_steps(generator.steps), generator.power)
+    return HallGenerator(generator.field, guided, grid=grid, guard=guard)
 
 
 def make_scenes(
