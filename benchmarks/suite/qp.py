@@ -17,7 +17,7 @@ from .kkt import kkt_residual
 from .rows import Row, Way, rows_of
 
 INPUTS, SEED = 3, 0  # of an agent of the tabletop
-ROWS = (2, 6)
+ROWS = (2, 3, 6)
 MANY, FEW = (
     4096,
     256,
@@ -48,7 +48,7 @@ def instances(rows: int, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]
 
 
 def agents(patience: Patience, quick: bool) -> Iterator[Row]:
-    """Every solver on the same instances, with 2 and with 6 rows."""
+    """Every solver on the same instances, with 2, 3 and 6 rows."""
     for rows in ROWS:
         yield from _compared(rows, patience, quick)
 
