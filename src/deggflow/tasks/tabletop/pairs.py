@@ -1,7 +1,7 @@
 """Lists of pairs of a scene's parts, each pair once: what belongs to their first and second parts, and sums back.
 
 Both are products with constant matrices of zeros and ones. Written as broadcasts, the gradient of all pairs would have
-sums that XLA's CPU backend fuses with all they sum, number by number: three to five times the time.
+sums that XLA's CPU backend fuses with all they sum, number by number.
 """
 
 from typing import NamedTuple
@@ -32,7 +32,7 @@ def between(first: int, second: int) -> Pairs:
 def pick(
     index: Int[np.ndarray, " pairs"], parts: Float[Array, "parts *samples"]
 ) -> Float[Array, "pairs *samples"]:
-    """`parts[index]`."""
+    """`parts[index]` of finite numbers; one that is not makes a sample's pairs not a number, all of them."""
     return _product(np.eye(len(parts))[index], parts)
 
 
