@@ -11,6 +11,7 @@ import jax
 import numpy as np
 import tyro
 
+from deggflow.redraw import Candidate, redraw_until_satisfied
 from deggflow.statistics import Rate
 from deggflow.tasks.bridge.condition import HALF_Y
 from deggflow.tasks.bridge.environment import parallel_env
@@ -19,6 +20,8 @@ from deggflow.tasks.bridge.policies import PolicyGenerator, initial_noise
 from deggflow.tasks.bridge.requirements import bridge_guidance
 from deggflow.tasks.bridge.scenes import random_conditions
 from deggflow.tasks.bridge.world import CONTACT_SIDE, DT, EXECUTED, PLANK_LENGTH
+
+DRAWS = 8  # of a guided policy, at most
 
 
 def straight(env, observations, trial, action):
@@ -39,22 +42,24 @@ class Generated:
 
     def __init__(self, guided):
         field = load_field()
-        self.draws = 8 if guided else 1
+        self.guided = guided
         self.generator = PolicyGenerator(field, bridge_guidance(field.scales) if guided else None)
 
     def __call__(self, env, observations, trial, action):
         """None where no draw meets its bounds: a guided team stops."""
         if action % EXECUTED == 0:
             now = jax.tree.map(lambda leaf: leaf[None], env.policy_condition())
-            for draw in range(self.draws):
+
+            def attempt(_, draw):
                 noise = initial_noise(0, np.array([trial]), action // EXECUTED, draw)
                 found = self.generator.batch(noise, now)
                 met = found.q_task[0] <= found.bound[0] and found.q_safe[0] <= 0
-                if met or self.draws == 1:
-                    break
-            else:
+                return [Candidate(found.twists[0], met or not self.guided, 0.0)]
+
+            (drawn,) = redraw_until_satisfied(attempt, 1, DRAWS)
+            if not drawn.satisfied:
                 return None
-            self.plan = found.twists[0]
+            self.plan = drawn.sample
             env.set_plan(self.plan)
         return env.velocities_of(self.plan[action % EXECUTED])
 

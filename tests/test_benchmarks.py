@@ -15,7 +15,7 @@ from suite.rows import Row, Spread, Way, number, rows_of, spread, table, write
 from deggflow.guidance import min_norm_input
 from deggflow.tasks.tabletop.changes import random_conditions
 from deggflow.tasks.tabletop.condition import to_arrays
-from deggflow.tasks.tabletop.margins import HingeViolation
+from deggflow.tasks.tabletop.margins import TABLETOP
 from deggflow.tasks.tabletop.requirements import OWN, POOLED, tabletop_guidance
 from deggflow.tasks.tabletop.verdict import BUFFER
 
@@ -138,7 +138,7 @@ def test_the_script_in_pytorch_has_our_violations_and_their_gradient(scene):
     one = jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), conditions)
 
     def total(z):
-        each = HingeViolation(BUFFER)(z, one)
+        each = TABLETOP.violation(z, one, BUFFER)
         return jnp.sum(each), each
 
     (_, ours), slope = jax.jit(jax.value_and_grad(total, has_aux=True))(jnp.asarray(z[0]))

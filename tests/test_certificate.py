@@ -1,6 +1,8 @@
 """What is said of finished generations, ours and others', against the same computed by hand in float64."""
 
+import itertools
 import json
+import math
 import re
 from dataclasses import replace
 from functools import cache
@@ -20,11 +22,11 @@ from deggflow import (
     Trajectory,
     certify,
     generate,
-    hinge_violation,
     refined_grid,
 )
-from deggflow.certificate import follow
+from deggflow.judge import follow
 from deggflow.records import parse_certificate
+from deggflow.trace import Trace
 
 AGENTS, BUFFER, STEPS = 3, 0.05, 300
 CENTRE = np.array([0.3, -0.2], np.float32)
@@ -49,9 +51,7 @@ def field(tau, z, condition):
 
 REQUIREMENTS = (
     SharedRequirements((SharedFactor(around, alpha=lambda s: 3.0 * s, name="around"),)),
-    PrivateRequirement(
-        hinge_violation(distances, BUFFER), floor=BUFFER**2 / 2, rho=0.75, name="apart"
-    ),
+    PrivateRequirement(distances, BUFFER, name="apart"),
 )
 
 
@@ -63,6 +63,12 @@ def values_by_hand(tau, z):
     offset = z[:, :, None] - z[:, None] + 10 * np.eye(AGENTS)[..., None]
     short = np.maximum(BUFFER + 1 - np.linalg.norm(offset, axis=-1), 0)
     return np.stack([mean, (short**2).sum((1, 2)) / 2], -1)
+
+
+def least_distance(z):
+    """Between any two agents, in float64."""
+    z = np.asarray(z, np.float64)
+    return min(math.dist(a, b) for a, b in itertools.combinations(z, 2))
 
 
 def limits_by_hand(tau, start):
@@ -78,7 +84,9 @@ def run(guided=True):
     z0 = jnp.array([[-1.0, 1.2], [-0.4, 0.9], [0.4, 0.4]])
     guidance = DecoupledGuidance(REQUIREMENTS) if guided else NoGuidance()
     grid = refined_grid(STEPS)
-    return jax.jit(lambda z: generate(field, guidance, z, CENTRE, grid=grid, keep_path=True))(z0)
+    return jax.jit(
+        lambda z: generate(field, guidance, z, CENTRE, grid=grid, guard=None, keep_path=True)
+    )(z0)
 
 
 def elsewhere(generation):
@@ -94,15 +102,6 @@ def said(guided=True, given=True, **options):
 
 def by_name(certificate):
     return {each.name: each for each in certificate.generation.requirements}
-
-
-def height_and_reach(z, condition):
-    return jnp.stack([condition - z[:, 0], z[:, 1]], axis=1)
-
-
-def ending(z):
-    """Our generation, with another end."""
-    return run()._replace(z=z)
 
 
 @pytest.mark.parametrize("given", [False, True], ids=["generation", "trajectory"])
@@ -128,14 +127,23 @@ def test_a_guided_generation_is_satisfied_and_held(given):
         assert each.excess == pytest.approx((value - limit)[:, k].max(), abs=1e-5)
         assert each.active > 100
         assert each.smallest_ell > 0
-    assert certificate.min_margin == pytest.approx((limit[-1] - end).min(), rel=1e-5)
-    assert certificate.violation == pytest.approx(np.maximum(end, 0).sum(), rel=1e-9)
+    margins = {"around": -end[0], "apart": least_distance(made.path[-1]) - 1.0}
+    assert [each.name for each in certificate.verdicts] == list(margins)
+    for each in certificate.verdicts:
+        assert each.margin == pytest.approx(margins[each.name], rel=1e-9)
+        assert each.reason is None
+    assert certificate.min_margin == pytest.approx(min(margins.values()), rel=1e-9)
+    assert certificate.violation == pytest.approx(max(end[0], 0) + end[1], rel=1e-9)
     assert certificate.violation > 0  # V is below its floor, not zero
 
 
 def test_a_generation_says_what_was_done():
     out = run()
-    record = said(given=False).generation
+    certificate = said(given=False)
+    record = certificate.generation
+    step = np.linalg.norm(np.diff(np.asarray(out.path, np.float64), axis=0), axis=-1).max()
+    assert record.largest_step == pytest.approx(step, rel=1e-5)
+    assert said().generation.largest_step == pytest.approx(step, rel=1e-9)
     assert record.effort == pytest.approx(float(jnp.max(out.trace.effort[:-1])))
     assert record.least_sine == pytest.approx(float(jnp.min(out.trace.sine[:-1])))
     active = np.asarray(out.trace.active[:-1]).any(-1).sum(0)
@@ -148,8 +156,16 @@ def test_the_nominal_path_is_neither_satisfied_nor_held():
     assert not certificate.satisfied
     assert not certificate.generation.held
     assert certificate.min_margin == pytest.approx(-end[0], rel=1e-9)
-    assert certificate.reason == f"around ends above its limit by {end[0]:.6g}"
+    assert certificate.reason == f"around ends above its bound by {end[0]:.6g}"
     assert certificate.violation == pytest.approx(end.sum(), rel=1e-9)
+
+
+def test_a_nominal_generation_has_a_verdict_and_no_record():
+    """It is what people certify first, to compare."""
+    certificate = said(guided=False, given=False)
+    assert certificate.generation is None
+    assert certificate.reason == said(guided=False).reason
+    assert certificate.table().splitlines()[1] == "no record: no requirement guided this generation"
 
 
 @pytest.mark.parametrize("agent", range(AGENTS))
@@ -165,10 +181,13 @@ def test_a_point_that_was_moved_breaks_the_record_and_not_the_verdict(agent):
         r"(red|green|blue) did not meet its row of (around|apart) at [12] points?",
         certificate.generation.broken,
     )
+    # The step to the point and the one away from it, and no other.
     with jax.enable_x64(True):
-        trace, _ = follow(DecoupledGuidance(REQUIREMENTS), Trajectory(tau, moved), CENTRE)
-    failed = np.flatnonzero(~np.asarray(trace.able)[:-1].all((1, 2)))
-    # The step to the point and the one away from it.
+        eps, precision = np.asarray(np.finfo(np.float32).eps, np.float64), np.asarray(1e-5)
+        given = tau.astype(np.float64), moved.astype(np.float64), eps, precision
+        found = follow(DecoupledGuidance(REQUIREMENTS), *given, CENTRE.astype(np.float64), None)
+    met = np.asarray(found.trace[Trace._fields.index("able") - 1])
+    failed = np.flatnonzero(~met[:-1].all((1, 2)))
     assert len(failed)
     assert set(failed.tolist()) <= {point - 1, point}
 
@@ -185,10 +204,12 @@ def test_the_end_alone_decides_the_verdict(name):
         moved[-1] += CENTRE - moved[-1].mean(0)
     certificate = certify(Trajectory(tau, moved), REQUIREMENTS, CENTRE)
     end = values_by_hand(np.ones(1), moved[-1:])[0]
-    over = (end - limits_by_hand(np.ones(1), end)[0])[["around", "apart"].index(name)]
     assert not certificate.satisfied
     assert not certificate.generation.held
-    assert certificate.reason == f"{name} ends above its limit by {over:.6g}"
+    if name == "around":
+        assert certificate.reason == f"around ends above its bound by {end[0]:.6g}"
+    else:
+        assert certificate.reason == "agent 0 misses apart by 1"
 
 
 def test_values_along_a_trajectory_are_those_of_numpy():
@@ -233,34 +254,42 @@ def test_what_is_no_trajectory_is_refused(tau, z, message):
         certify(Trajectory(tau, z), REQUIREMENTS, CENTRE)
 
 
-def test_margins_decide_and_are_evaluated_in_float64():
-    """Though the requirements, too, have something to say of this end."""
+def reach(z, condition):
+    return jnp.stack([condition - z[:, 0], z[:, 1]], axis=1)
+
+
+def ended(z):
+    """A generation that stays where it is put: z(0) = z(1) = z."""
+
+    def still(tau, z, condition):
+        return jnp.zeros_like(z)
+
+    with jax.enable_x64(True):
+        return generate(still, NoGuidance(), z, None)
+
+
+def test_the_verdict_is_made_in_float64():
     z = np.array([[0.0, 1.0], [0.1 - 1e-12, 0.3], [0.0, 0.1]])
-    below = {"margins": lambda z, condition: height_and_reach(z, np.float64(0.1))}
-    certificate = certify(ending(z), REQUIREMENTS, CENTRE, **below)
+    requirement = PrivateRequirement(reach, 0.0, name="reach")
+    certificate = certify(ended(z), (requirement,), np.float64(0.1))
     assert certificate.satisfied
-    assert certificate.reason is None
     assert 0 < certificate.min_margin < 2e-12  # float32 could not tell
-    assert not certificate.generation.held
-    assert not certify(ending(z + 1e-9), REQUIREMENTS, CENTRE, **below).satisfied
+    assert not certify(ended(z + 1e-9), (requirement,), 0.1).satisfied
 
 
-def test_the_worst_agent_and_requirement_are_named():
-    z = jnp.array([[0.0, 1.0], [0.5, -0.25], [0.3, 0.1]])
-    options = {"margins": some_margins, "draws": 3}
-    plain = certify(ending(z), REQUIREMENTS, CENTRE, **options)
-    named = certify(
-        ending(z), REQUIREMENTS, CENTRE, names=("reach", "height"), agents=NAMES, **options
-    )
-    for certificate in (plain, named):
+def test_the_worst_agent_and_margin_are_named():
+    z = np.array([[0.0, 1.0], [0.5, -0.25], [0.3, 0.1]])
+    plain = PrivateRequirement(reach, 0.1, name="room")
+    labelled = replace(plain, margin_labels=("reach", "height"))
+    out = ended(z)
+    first = certify(out, (plain,), 0.4, draws=3)
+    second = certify(out, (labelled,), 0.4, agents=NAMES, draws=3)
+    for certificate in (first, second):
         assert not certificate.satisfied
         assert certificate.min_margin == -0.25
         assert certificate.draws == 3
-        # V and q are still those of the requirements.
-        end = values_by_hand(np.ones(1), np.asarray(z)[None])[0]
-        assert certificate.violation == pytest.approx(np.maximum(end, 0).sum(), rel=1e-9)
-    assert plain.reason == "agent 1 misses requirement 1 by 0.25"
-    assert named.reason == "green misses height by 0.25"
+    assert first.reason == "agent 1 misses room by 0.25"
+    assert second.reason == "green misses room (height) by 0.25"
 
 
 def diverged(value, guard=None, requirements=REQUIREMENTS):
@@ -274,10 +303,6 @@ def diverged(value, guard=None, requirements=REQUIREMENTS):
     return jax.jit(lambda z: generate(off, guidance, z, CENTRE, grid=grid, guard=guard))(z0)
 
 
-def some_margins(z, condition):
-    return height_and_reach(z, 0.4)
-
-
 BAD = {"nan": np.nan, "inf": np.inf, "far": 1e17}
 KINDS = {"shared": REQUIREMENTS[:1], "private": REQUIREMENTS[1:], "both": REQUIREMENTS}
 
@@ -287,21 +312,22 @@ KINDS = {"shared": REQUIREMENTS[:1], "private": REQUIREMENTS[1:], "both": REQUIR
 def test_a_sample_that_is_not_a_number_is_never_satisfied(bad, kind, guard):
     out = diverged(BAD[bad], guard, KINDS[kind])
     assert not np.isfinite(out.z).all()
-    for margins in (None, some_margins):
-        certificate = certify(out, KINDS[kind], CENTRE, margins=margins)
-        assert not certificate.satisfied
-        assert certificate.reason is not None
-        assert certificate.min_margin < 0
-        assert not certificate.generation.held
-        assert certificate.generation.broken is not None
+    certificate = certify(out, KINDS[kind], CENTRE)
+    assert not certificate.satisfied
+    assert certificate.min_margin < 0
+    assert not certificate.generation.held
+    first = "the field is not a finite number at agent 0, tau = "
+    assert certificate.generation.broken.startswith(first)
+    assert first in certificate.reason
+    assert float(certificate.generation.broken.removeprefix(first)) > 0.5
 
 
 @pytest.mark.parametrize("bad", [None, *BAD])
 def test_certificates_are_written_and_read_again(bad):
     """Samples that have diverged, too: no number in a file is infinite, or beyond what is read."""
     out = run() if bad is None else diverged(BAD[bad], StepGuard())
-    for keep, margins in ((False, None), (True, some_margins)):
-        certificate = certify(out, REQUIREMENTS, CENTRE, margins=margins, keep_trace=keep)
+    for keep in (False, True):
+        certificate = certify(out, REQUIREMENTS, CENTRE, keep_trace=keep)
         read = json.loads(json.dumps(certificate.to_json(), allow_nan=False))
         assert ("trace" in read["generation"]) == keep
         assert parse_certificate(read, "certificate") == certificate
@@ -310,15 +336,17 @@ def test_certificates_are_written_and_read_again(bad):
 
 def test_fields_of_a_file():
     fields = {"satisfied", "min_margin", "violation", "draws", "reason"}
-    assert set(said().to_json()) == {*fields, "generation"}
-    assert set(replace(said(), generation=None).to_json()) == fields
+    assert set(said().to_json()) == {*fields, "generation", "verdicts"}
+    assert set(replace(said(), generation=None, verdicts=()).to_json()) == fields
 
 
 def test_a_step_that_was_forced_is_said_to_be():
     """Between points of the grid; at none of them a value was above its limit."""
     out = run()
     certificate = certify(
-        out._replace(work=out.work._replace(above=jnp.asarray(2))), REQUIREMENTS, CENTRE
+        out._replace(summary=out.summary._replace(work=out.work._replace(forced=jnp.asarray(2)))),
+        REQUIREMENTS,
+        CENTRE,
     )
     assert certificate.satisfied
     assert not certificate.generation.held
@@ -330,11 +358,12 @@ def test_a_step_that_was_forced_is_said_to_be():
 def test_the_table_reads_well():
     lines = said().table().splitlines()
     assert lines[0].startswith("satisfied; least margin ")
-    assert lines[1] == "conditions held at every point"
+    assert re.fullmatch(rf"conditions held at all {STEPS + 1} points, at most \S+ apart", lines[1])
     assert lines[2].startswith(f"{STEPS} steps, 0 refused, 0 forced; least sine ")
     assert lines[3].split("  ")[0] == "requirement"
     for line, each in zip(lines[4:], said().generation.requirements, strict=True):
-        name, value, limit, excess, active, points, ell = line.split()
+        name, margin, value, limit, excess, active, points, ell = line.split()
+        assert margin.strip("-")
         assert (name, active, points) == (each.name, str(each.active), "points")
         for text, number in ((value, each.value), (limit, each.limit), (excess, each.excess)):
             assert float(text) == pytest.approx(number, rel=1e-2)

@@ -8,7 +8,7 @@ from deggflow.files import write_atomically
 
 def test_replaces_content_and_makes_folders(tmp_path):
     path = tmp_path / "a" / "b.txt"
-    write_atomically(path, "one")
+    write_atomically(str(path), "one")
     write_atomically(path, b"two")
     assert path.read_bytes() == b"two"
     assert [p.name for p in path.parent.iterdir()] == ["b.txt"]

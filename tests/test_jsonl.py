@@ -39,7 +39,7 @@ def test_errors_are_one_line_with_file_and_line(tmp_path):
     path = tmp_path / "x.jsonl"
     path.write_text('{"a": 1}\n{"a":\n')
     with pytest.raises(InputError) as caught:
-        read_lines(path, lambda value: value, "thing")
+        read_lines(str(path), lambda value: value, "thing")
     assert str(caught.value).startswith(f"{path}, line 2: not JSON")
     assert "\n" not in str(InputError("two\nlines \x07", file="a\nb"))
 
@@ -63,7 +63,7 @@ def test_text_and_lists_are_told_from_everything_else(expect, good, bad, reason)
 
 def test_an_interrupted_file_is_completed(tmp_path):
     path = tmp_path / "out.jsonl"
-    with ResumableOutput(path, SETTINGS) as lines:
+    with ResumableOutput(str(path), SETTINGS) as lines:
         assert lines.finished == []
         lines.append([{"k": 0}, {"k": 1}])
     with path.open("ab") as file:

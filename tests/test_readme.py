@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 README = Path(__file__).parent.parent / "README.md"
 
 
@@ -12,8 +14,12 @@ def blocks(language):
     return re.findall(rf"```{language}\n(.*?)```", README.read_text(), re.DOTALL)
 
 
-def without_numbers(text):
-    return re.sub(r"[-+.e\d]+", "#", re.sub(r" +", " ", text)).split()
+NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:e[-+]?\d+)?")
+
+
+def parted(text):
+    """What is said, and its numbers."""
+    return re.sub(r"\s+", " ", NUMBER.sub("#", text)).strip(), [float(n) for n in NUMBER.findall(text)]
 
 
 def test_your_own_problem(tmp_path):
@@ -26,12 +32,16 @@ def test_your_own_problem(tmp_path):
         check=True,
     )
     (shown,) = blocks("text")
-    # Digits may differ from machine to machine, what is said does not.
-    assert without_numbers(found.stdout) == without_numbers(shown)
+    (said, numbers), (wanted, expected) = parted(found.stdout), parted(shown)
+    assert said == wanted
+    # float32 rounds differently from machine to machine; what it makes of a sample is far below this.
+    assert numbers == pytest.approx(expected, rel=0.05, abs=1e-3)
 
 
-def test_it_fits_into_thirty_lines():
-    """Counting what a user writes for a problem of their own: code, not blank lines or imports."""
+def test_it_fits_into_twenty_five_lines():
+    """All of it, imports included, but for blank lines."""
     (program,) = blocks("python")
-    lines = [line for line in program.splitlines() if line.strip() and "import" not in line]
-    assert len(lines) <= 30
+    lines = [line for line in program.splitlines() if line.strip()]
+    assert len(lines) <= 25
+    assert "floor" not in program
+    assert program.count("margins") == 2  # defined once, passed once

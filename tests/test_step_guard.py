@@ -16,7 +16,6 @@ from deggflow import (
     SharedFactor,
     SharedRequirements,
     generate,
-    hinge_violation,
     refined_grid,
 )
 from deggflow.solver import EULER, HEUN, RK4
@@ -43,7 +42,7 @@ def crowd(tau, z, condition):
     return (jnp.array([[1.0, 1.0]]) - z) * (2.0 + 10.0 * tau) + jnp.tanh(z @ condition)
 
 
-apart = PrivateRequirement(hinge_violation(margins, BUFFER), floor=BUFFER**2 / 2)
+apart = PrivateRequirement(margins, BUFFER)
 
 
 def wall(tau, z, condition):
@@ -99,10 +98,11 @@ def test_schemes_have_their_order(solver, order, key):
 
 def test_a_guard_that_finds_nothing_changes_nothing():
     guidance = DecoupledGuidance((apart,))
-    fine, guarded = batch(guidance, None, 400), batch(guidance, StepGuard(), 400)
+    with jax.enable_x64(True):  # what rounding makes of a step would grow along edges
+        fine, guarded = batch(guidance, None, 400), batch(guidance, StepGuard(), 400)
     calm = np.asarray(guarded.work.refused) == 0
     assert calm.any()
-    np.testing.assert_allclose(guarded.z[calm], fine.z[calm], atol=1e-5)
+    np.testing.assert_allclose(np.asarray(guarded.z)[calm], np.asarray(fine.z)[calm], atol=1e-9)
     assert np.all(np.asarray(guarded.work.evaluations)[calm] == 401)
 
 
@@ -112,8 +112,8 @@ def test_every_accepted_point_is_below_its_limit_or_counted(solver):
     work, trace = jax.tree.map(np.asarray, (out.work, out.trace))
     assert work.refused.sum() > 0  # the guard had something to do
     over = (trace.value > trace.limit).any(-1).sum(-1)
-    assert np.all(over <= work.above)
-    kept = work.above == 0
+    assert np.all(over <= work.forced)
+    kept = work.forced == 0
     assert kept.sum() >= 8
     # V(z(1)) <= buffer^2 / 2: every margin holds.
     least = jax.vmap(lambda z: jnp.min(margins(z, None)))(out.z)
@@ -126,7 +126,7 @@ def test_a_stiff_factor_is_kept_where_fixed_steps_break_it():
     fixed, guarded = batch(guidance, None, 12), batch(guidance, StepGuard(8), 12)
     ends = [jax.vmap(lambda z: wall(1.0, z, None))(out.z) for out in (fixed, guarded)]
     assert (ends[0] > 0).mean() > 0.2
-    kept = np.asarray(guarded.work.above) == 0
+    kept = np.asarray(guarded.work.forced) == 0
     assert kept.mean() > 0.9
     assert np.all(np.asarray(ends[1])[kept] <= 0)
 
@@ -158,7 +158,7 @@ def test_a_guard_without_halvings_refuses_nothing_and_counts():
     np.testing.assert_array_equal(counted.work.refused, 0)
     np.testing.assert_array_equal(counted.work.evaluations, 13)
     over = (counted.trace.value > counted.trace.limit)[:, 1:].any(-1).sum(-1)  # no step led to z(0)
-    np.testing.assert_array_equal(counted.work.above, over)
+    np.testing.assert_array_equal(counted.work.forced, over)
     assert (over > 0).mean() > 0.2
     with pytest.raises(ValueError, match="`halvings` must not be negative"):
         StepGuard(-1)
@@ -188,7 +188,7 @@ def test_agents_that_stop_leave_their_share_to_the_others(requirement, key):
     assert np.ptp(np.asarray(out.path)[late, 0], axis=0).max() == 0
     assert np.all(np.asarray(out.trace.effort)[late, 0] == 0)
     assert not np.any(out.trace.infeasible[:-1])  # no input follows the last point
-    assert int(out.work.above) == 0
+    assert int(out.work.forced) == 0
     assert np.all(out.trace.value[-1] <= out.trace.limit[-1])
 
 
@@ -196,7 +196,7 @@ def test_agents_that_stop_leave_their_share_to_the_others(requirement, key):
 def test_who_takes_over_for_a_stopped_agent(allocation, can, key):
     """Pooled: the others; own: nobody, and the row says so."""
     guidance = DecoupledGuidance(
-        (PrivateRequirement(hinge_violation(margins, BUFFER), allocation),)
+        (PrivateRequirement(margins, BUFFER, allocation),)
     )
     z = 0.2 * jax.random.normal(key, (AGENTS, 2))
     moving = jnp.array([False, True, True, True])

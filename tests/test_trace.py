@@ -5,17 +5,18 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from deggflow.trace import Trace, Work, summarise
+from deggflow.guidance import GuidanceReport
+from deggflow.trace import Point, add_point, empty_summary
 
 POINTS, ROWS, AGENTS = 4, 2, 3
 EPS = float(np.finfo(np.float32).eps)
 
 
-def trace(**changed):
+def reports(**changed):
     """Nothing happens: values are one below their limits, everybody is able and at rest."""
     shape = (POINTS, ROWS, AGENTS)
+    no = np.zeros(shape, bool)
     parts = {
-        "tau": np.linspace(0, 1, POINTS),
         "value": np.zeros((POINTS, ROWS)),
         "bound": np.full((POINTS, ROWS), 0.5),
         "limit": np.ones((POINTS, ROWS)),
@@ -23,11 +24,17 @@ def trace(**changed):
         "infeasible": np.zeros((POINTS, AGENTS), bool),
         "effort": np.zeros((POINTS, AGENTS)),
         "length": np.full(shape, np.inf),
-        "active": np.zeros(shape, bool),
+        "active": no,
         "sine": np.ones((POINTS, AGENTS)),
+        "slope": np.zeros((POINTS, ROWS)),
+        "contribution": np.zeros(shape),
+        "drift_nan": np.zeros((POINTS, AGENTS), bool),
+        "value_nan": no,
+        "gradient_nan": no,
+        "input_nan": np.zeros((POINTS, AGENTS), bool),
     }
     made = parts | {name: _set(parts[name].copy(), at) for name, at in changed.items()}
-    return Trace(**{name: jnp.asarray(part) for name, part in made.items()})
+    return GuidanceReport(**{name: jnp.asarray(part) for name, part in made.items()})
 
 
 def _set(part, at):
@@ -36,9 +43,34 @@ def _set(part, at):
     return part
 
 
-def summary(present=None, above=0, **changed):
-    work = Work(jnp.asarray(POINTS), jnp.asarray(0), jnp.asarray(above))
-    return summarise(trace(**changed), work, present)
+TAU = np.linspace(0, 1, POINTS)
+
+
+def folded(report, present, forced, over, kinks, accepted, z):
+    def step(so_far, k):
+        one = jax.tree.map(lambda leaf: leaf[k], report)
+        point = Point(
+            jnp.asarray(TAU, jnp.float32)[k], z[k], one, accepted[k], ~accepted[k], over[k],
+            forced[k], kinks[k], k == POINTS - 1,
+        )  # fmt: skip
+        return add_point(so_far, point, present), None
+
+    start = empty_summary(jnp.zeros(()), z[0], ROWS)
+    return jax.lax.scan(step, start, jnp.arange(POINTS))[0]
+
+
+def summary(present=None, forced=(), over=(), kinks=(), refused=(), z=None, **changed):
+    """Of points that are all accepted, but those that are refused."""
+    flags = np.zeros((2, POINTS), bool)
+    flags[0, list(forced)] = True
+    flags[1, list(refused)] = True
+    rows = np.zeros((2, POINTS, ROWS), bool)
+    for part, at in zip(rows, (over, kinks), strict=True):
+        for index in at:
+            part[index] = True
+    z = np.zeros((POINTS, AGENTS, 2), np.float32) if z is None else z
+    given = (flags[0], rows[0], rows[1], ~flags[1], z)
+    return jax.jit(folded)(reports(**changed), present, *map(jnp.asarray, given))
 
 
 def test_where_nothing_happens_everything_held():
@@ -147,14 +179,68 @@ def test_what_is_not_a_number_is_above_its_limit(part, point):
     assert not one.held
 
 
-def test_a_step_that_was_forced_breaks_the_promise():
-    """Between points of the grid a value may be above its limit without a trace."""
-    assert not summary(above=1).held
+def test_a_step_that_was_forced_breaks_the_promise_and_names_whose_it_was():
+    """Agents whose part of the value is at least half of the largest."""
+    one = summary(
+        forced=[1, 2],
+        over=[(1, 0), (2, 0)],
+        contribution={(1, 0, 0): 4.0, (1, 0, 1): 2.5, (1, 0, 2): 1.0, (2, 0, 2): 1.0},
+    )
+    assert not one.held
+    assert int(one.work.forced) == 2
+    np.testing.assert_array_equal(one.forced, [[1, 1, 1], [0, 0, 0]])
 
 
-def test_many_traces_at_once():
-    one, other = trace(), trace(value={(1, 0): 2.0})
-    both = jax.tree.map(lambda *leaves: jnp.stack(leaves), one, other)
-    work = Work(*(jnp.zeros(2, int) for _ in range(3)))
-    found = jax.vmap(lambda trace, work: summarise(trace, work).held)(both, work)
-    np.testing.assert_array_equal(found, [True, False])
+def test_a_refused_point_counts_as_work_and_nothing_else():
+    """Whatever it reports; the points on either side of it are the record's."""
+    everything = {
+        "value": {(1, 0): 9.0},
+        "able": {(1, 0, 0): False},
+        "infeasible": {(1, 0): True},
+        "effort": {(1, 0): 7.0},
+        "length": {(1, 0, 0): 1e-9},
+        "active": {(1, 0, 0): True},
+        "sine": {(1, 0): 0.1},
+        "drift_nan": {(1, 0): True},
+        "gradient_nan": {(1, 0, 0): True},
+    }
+    one, none = summary(refused=[1], **everything), summary(refused=[1])
+    assert one.held
+    for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(none), strict=True):
+        np.testing.assert_array_equal(a, b)
+    assert (int(one.work.evaluations), int(one.work.refused), int(one.points)) == (4, 1, 3)
+
+
+def test_the_largest_step_is_of_one_agent_between_accepted_points():
+    z = np.zeros((POINTS, AGENTS, 2), np.float32)
+    z[1:, 1] += [3.0, 4.0]
+    z[2, 2] = 100.0  # refused, and gone again
+    z[3, 0] = 1.0
+    one = summary(refused=[2], z=jnp.asarray(z))
+    assert float(one.largest_step) == pytest.approx(5.0)
+    absent = summary(jnp.array([True, False, True]), refused=[2], z=jnp.asarray(z))
+    assert float(absent.largest_step) == pytest.approx(np.sqrt(2.0))
+
+
+@pytest.mark.parametrize("what", ["drift_nan", "value_nan", "gradient_nan", "input_nan"])
+def test_what_is_not_a_number_is_known_by_its_first_tau(what):
+    inside = what in ("value_nan", "gradient_nan")
+    at = {((k, 1, 2) if inside else (k, 2)): True for k in (1, 2)}
+    one = summary(**{what: at})
+    assert not one.held
+    assert one.not_a_number
+    first = getattr(one.nan, what.removesuffix("_nan"))
+    expected = np.full(first.shape, np.inf)
+    expected[(1, 2) if inside else (2,)] = np.float32(TAU[1])
+    np.testing.assert_array_equal(first, expected)
+
+
+def test_a_point_without_a_gradient_is_not_held():
+    one = summary(kinks=[(2, 1)])
+    assert not one.held
+    np.testing.assert_array_equal(one.kinks, [0, 1])
+
+
+def test_many_at_once():
+    both = jax.tree.map(lambda *leaves: jnp.stack(leaves), summary(), summary(value={(1, 0): 2.0}))
+    np.testing.assert_array_equal(both.held, [True, False])

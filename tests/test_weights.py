@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import equinox as eqx
 import jax
 import numpy as np
@@ -10,8 +12,9 @@ def network(width=8, seed=0):
     return eqx.nn.MLP(3, 2, width, depth=2, key=jax.random.key(seed))
 
 
-def test_round_trip(tmp_path):
-    path, card = tmp_path / "w.safetensors", {"task": "test", "seed": 3}
+@pytest.mark.parametrize("kind", [str, Path])
+def test_round_trip(tmp_path, kind):
+    path, card = kind(tmp_path / "w.safetensors"), {"task": "test", "seed": 3}
     save_weights(path, network(), card)
     assert load_card(path) == card
     loaded = load_weights(path, network(seed=1))
@@ -30,3 +33,13 @@ def test_other_shapes_and_names_are_refused(tmp_path):
         load_weights(path, network(width=9))
     with pytest.raises(ValueError, match="does not hold this field's weights"):
         load_weights(path, eqx.nn.Linear(3, 2, key=jax.random.key(0)))
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [(b"", "not JSON"), (b'{"task', "not JSON"), (b"\xff", "not JSON"), (b"[]", "got list")],
+)
+def test_a_card_that_is_none_is_refused_with_its_name(tmp_path, content, reason):
+    (tmp_path / "w.json").write_bytes(content)
+    with pytest.raises(ValueError, match=rf"w\.json: .*{reason}"):
+        load_card(tmp_path / "w.safetensors")

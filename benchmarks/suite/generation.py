@@ -7,8 +7,8 @@ from typing import Any
 import jax
 import numpy as np
 
+from deggflow.blocks import padded_batch
 from deggflow.guidance import AbstractGuidance
-from deggflow.redraw import padded_batch
 from deggflow.tasks.bridge.condition import padded_robots
 from deggflow.tasks.bridge.condition import to_arrays as trial_arrays
 from deggflow.tasks.bridge.field import load_field as load_bridge

@@ -52,10 +52,10 @@ def _calls(batch: int) -> tuple[dict[str, Call], dict[str, str]]:
         jnp.asarray, to_arrays(random_conditions(SIZE, batch, "changed", SEED))
     )
     z = jnp.asarray(initial_noise(SEED, np.arange(batch), 0)[:, :SIZE])
-    violation = guidance.requirements[0].violation
+    affordance = guidance.requirements[0]
 
     def value_and_gradient(z: Any, condition: Any) -> Any:
-        parts, gradient = violation.and_gradient(z, condition)
+        parts, gradient = affordance.margins.violation_and_gradient(z, condition, affordance.buffer)
         return gradient + parts[:, None]
 
     def one_row(z: Any, condition: Any) -> Any:
@@ -92,7 +92,7 @@ def _loop(evaluate: Evaluation, z: Float[Array, "samples agents 3"], condition: 
 
 def _steps(field: Any, guidance: DecoupledGuidance, z: Any, condition: Any) -> Call:
     """The first steps of a guided generation."""
-    steps = GuardedSteps(refined_grid(), EULER, StepGuard())
+    steps = GuardedSteps(refined_grid(), EULER, StepGuard(), keep_trace=False, keep_path=False)
 
     def velocity(condition: Any) -> Velocity:
         def guided(state: Any, tau: Any, z: Any) -> Any:
@@ -103,10 +103,10 @@ def _steps(field: Any, guidance: DecoupledGuidance, z: Any, condition: Any) -> C
         return guided
 
     def start(z: Any, condition: Any) -> Any:
-        return steps.start(velocity(condition), guidance.init(z, condition), z, False)
+        return steps.start(velocity(condition), guidance.init(z, condition), z)
 
     def advance(condition: Any, lane: Any) -> Any:
-        return steps.advance(velocity(condition), guidance.landed, lane)
+        return steps.advance(velocity(condition), guidance.on_forced_step, None, lane)
 
     @jax.jit
     def run(lanes: Any, condition: Any) -> Any:

@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from deggflow.redraw import padded_batch
+from deggflow.blocks import padded_batch
 
 from .clock import Patience, in_turn
 from .rows import Row, Way, rows_of

@@ -4,7 +4,8 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .certificate import Certificate, Trajectory, certify
+    from .certificate import Certificate
+    from .certification import Trajectory, certify, certify_batch
     from .generation import Generation, generate, generate_batch, refined_grid
     from .guidance import (
         AdaptiveShares,
@@ -19,9 +20,12 @@ if TYPE_CHECKING:
         SharedFactor,
         SharedRequirements,
         TighteningBound,
+        distances,
         hinge_violation,
         min_norm_input,
+        safe_norm,
     )
+    from .sampling import Samples, sample
     from .solver import EULER, HEUN, RK4
     from .step_guard import StepGuard
 
@@ -29,7 +33,8 @@ __version__ = "0.1.0"
 
 # Loaded when first used: `deggflow --help` must not wait for JAX.
 _HOME = {
-    "certificate": ("Certificate", "Trajectory", "certify"),
+    "certificate": ("Certificate",),
+    "certification": ("Trajectory", "certify", "certify_batch"),
     "generation": ("Generation", "generate", "generate_batch", "refined_grid"),
     "guidance": (
         "AdaptiveShares",
@@ -44,9 +49,12 @@ _HOME = {
         "SharedFactor",
         "SharedRequirements",
         "TighteningBound",
+        "distances",
         "hinge_violation",
         "min_norm_input",
+        "safe_norm",
     ),
+    "sampling": ("Samples", "sample"),
     "solver": ("EULER", "HEUN", "RK4"),
     "step_guard": ("StepGuard",),
 }
@@ -67,17 +75,22 @@ __all__ = [
     "Own",
     "Pooled",
     "PrivateRequirement",
+    "Samples",
     "SharedFactor",
     "SharedRequirements",
     "StepGuard",
     "TighteningBound",
     "Trajectory",
     "certify",
+    "certify_batch",
+    "distances",
     "generate",
     "generate_batch",
     "hinge_violation",
     "min_norm_input",
     "refined_grid",
+    "safe_norm",
+    "sample",
 ]
 
 

@@ -14,6 +14,15 @@ B = TypeVar("B")
 BLOCK = 64  # samples; the messages of eight times as many leave the cache, and each sample takes twice as long
 
 
+# Sizes of compiled batches; the last partial batch is padded to one of them.
+BATCHES = (1, 16, 64, 128, 512)
+
+
+def padded_batch(samples: int) -> int:
+    """Size of the compiled batch that holds `samples`, at most the largest of `BATCHES`."""
+    return next((size for size in BATCHES if size >= samples), BATCHES[-1])
+
+
 def cores() -> int:
     """How many cores this process may use."""
     if hasattr(os, "sched_getaffinity"):
@@ -26,7 +35,7 @@ def blocks(count: int) -> list[Int[np.ndarray, " samples"]]:
     return [np.arange(k, min(k + BLOCK, count)) for k in range(0, count, BLOCK)]
 
 
-def side_by_side(call: Callable[[A], B], parts: Sequence[A], *, compiled: bool) -> list[B]:
+def side_by_side(call: Callable[[A], B], parts: Sequence[A], *, compiled: bool = False) -> list[B]:
     """What `call` makes of each part, in order: one thread to a core, as a program of small arrays uses only one.
 
     Args:

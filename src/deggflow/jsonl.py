@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
-from .files import write_atomically
+from .files import StrPath, write_atomically
 
 T = TypeVar("T")
 
@@ -23,7 +23,7 @@ class InputError(Exception):
         self,
         reason: str,
         *,
-        file: Path | str | None = None,
+        file: StrPath | None = None,
         line: int | None = None,
         field: str = "",
     ) -> None:
@@ -31,7 +31,7 @@ class InputError(Exception):
         super().__init__(reason)
 
     def __str__(self) -> str:
-        place = [] if self.file is None else [str(self.file)]
+        place = [] if self.file is None else [os.fspath(self.file)]
         place += [] if self.line is None else [f"line {self.line}"]
         place += [f"field `{self.field}`"] if self.field else []
         text = f"{', '.join(place)}: {self.reason}" if place else self.reason
@@ -82,12 +82,13 @@ def parse_line(text: bytes) -> Any:
         raise InputError("a number has too many digits") from None
 
 
-def read_lines(path: Path, parse: Callable[[Any], T], what: str) -> list[T]:
+def read_lines(path: StrPath, parse: Callable[[Any], T], what: str) -> list[T]:
     """Every line of a file through `parse`, all or nothing.
 
     Raises:
         InputError: With file, line, field and reason of the first thing that is wrong.
     """
+    path = Path(path)
     out: list[T] = []
     try:
         with path.open("rb") as file:
@@ -181,8 +182,9 @@ class ResumableOutput:
     Beside it stands `<name>.run.json` with the run's settings, so that no other run is mixed into it.
     """
 
-    def __init__(self, path: Path, settings: Mapping[str, Any]) -> None:
+    def __init__(self, path: StrPath, settings: Mapping[str, Any]) -> None:
         """Raises `InputError` if the file belongs to another run or can't be written; changes nothing then."""
+        path = Path(path)
         self.path, self.settings = path, dict(settings)
         self.run = path.with_name(path.name + ".run.json")
         if path.is_dir():

@@ -2,7 +2,13 @@
 
 from typing import Any
 
-from .certificate import Certificate, GenerationRecord, RequirementRecord, TraceRecord
+from .certificate import (
+    Certificate,
+    GenerationRecord,
+    RequirementRecord,
+    RequirementVerdict,
+    TraceRecord,
+)
 from .jsonl import (
     InputError,
     expect_flag,
@@ -23,7 +29,7 @@ _ANY = 1e12  # for values, limits and margins
 def parse_certificate(value: Any, field: str) -> Certificate:
     """A certificate from its JSON object; raises `InputError` with the field."""
     keys = ("satisfied", "min_margin", "violation", "draws", "reason")
-    given = expect_object(value, field, (*keys, "generation"), keys)
+    given = expect_object(value, field, (*keys, "generation", "verdicts"), keys)
     made = given.get("generation")
     return Certificate(
         expect_flag(given["satisfied"], join(field, "satisfied")),
@@ -32,6 +38,22 @@ def parse_certificate(value: Any, field: str) -> Certificate:
         expect_integer(given["draws"], join(field, "draws"), 1, MAX_DRAWS),
         expect_reason(given["reason"], join(field, "reason")),
         None if made is None else parse_generation(made, join(field, "generation")),
+        tuple(
+            _verdict(item, f"{field}.verdicts[{k}]")
+            for k, item in enumerate(
+                expect_list(given.get("verdicts", []), join(field, "verdicts"))
+            )
+        ),
+    )
+
+
+def _verdict(item: Any, field: str) -> RequirementVerdict:
+    keys = ("name", "margin", "reason")
+    given = expect_object(item, field, keys, keys)
+    return RequirementVerdict(
+        expect_text(given["name"], join(field, "name")),
+        expect_number(given["margin"], join(field, "margin"), -_ANY, _ANY, ""),
+        expect_reason(given["reason"], join(field, "reason")),
     )
 
 
@@ -39,7 +61,8 @@ def parse_generation(value: Any, field: str) -> GenerationRecord:
     """A record of a generation from its JSON object; raises `InputError` with the field."""
     counts = ("steps", "refused", "forced")
     keys = ("held", "broken", "requirements", *counts, "least_sine", "effort")
-    given = expect_object(value, field, (*keys, "trace"), keys)
+    # Files of earlier versions have no `largest_step`.
+    given = expect_object(value, field, (*keys, "largest_step", "trace"), keys)
     requirements = expect_list(given["requirements"], join(field, "requirements"))
     trace = given.get("trace")
     steps, refused, forced = (
@@ -56,6 +79,7 @@ def parse_generation(value: Any, field: str) -> GenerationRecord:
         forced,
         _number_or_none(given["least_sine"], join(field, "least_sine"), 0.0, 1.0),
         expect_number(given["effort"], join(field, "effort"), 0.0, _ANY, ""),
+        _number_or_none(given.get("largest_step"), join(field, "largest_step"), 0.0, _ANY),
         None if trace is None else _trace(trace, join(field, "trace"), len(requirements)),
     )
 
@@ -63,7 +87,9 @@ def parse_generation(value: Any, field: str) -> GenerationRecord:
 def _requirement(item: Any, field: str) -> RequirementRecord:
     numbers = ("value", "limit", "excess")
     keys = ("name", *numbers, "active", "smallest_ell")
-    given = expect_object(item, field, keys, keys)
+    later = ("forced", "forced_agents", "kinks")  # files of earlier versions have none of them
+    given = expect_object(item, field, (*keys, *later), keys)
+    agents = expect_list(given.get("forced_agents", []), join(field, "forced_agents"))
     value, limit, excess = (
         expect_number(given[key], join(field, key), -_ANY, _ANY, "") for key in numbers
     )
@@ -74,6 +100,9 @@ def _requirement(item: Any, field: str) -> RequirementRecord:
         excess,
         expect_integer(given["active"], join(field, "active"), 0, MAX_STEPS),
         _number_or_none(given["smallest_ell"], join(field, "smallest_ell"), 0.0, _ANY),
+        expect_integer(given.get("forced", 0), join(field, "forced"), 0, MAX_STEPS),
+        tuple(expect_text(each, f"{field}.forced_agents[{k}]") for k, each in enumerate(agents)),
+        expect_integer(given.get("kinks", 0), join(field, "kinks"), 0, MAX_STEPS),
     )
 
 

@@ -1,58 +1,53 @@
 """Redraws: a sample that its verdict refuses is drawn again from a new z(0), up to a limit."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from .certificate import Certificate
-
 T = TypeVar("T")
-
-# Sizes of compiled batches; the last partial batch is padded to one of them.
-BATCHES = (1, 16, 64, 128, 512)
 
 
 @dataclass(frozen=True)
 class Candidate(Generic[T]):
-    """A decoded sample and what its verdict says."""
+    """A sample as it was drawn, and what its verdict says."""
 
     sample: T
-    certificate: Certificate
+    satisfied: bool
+    margin: float  # of those that are refused, the one with the greatest is kept
 
 
-def draw(
-    attempt: Callable[[Sequence[int], int], Sequence[Candidate[T]]], samples: int, max_draws: int
-) -> list[Candidate[T]]:
+@dataclass(frozen=True)
+class Drawn(Generic[T]):
+    """What is kept of all draws of a sample."""
+
+    sample: T
+    satisfied: bool
+    draws: int  # that were made
+
+
+Attempt = Callable[[Sequence[int], int], Sequence[Candidate[T]]]
+"""(numbers of the pending samples, number of the draw from 0) -> a candidate for each."""
+
+
+def redraw_until_satisfied(attempt: Attempt[T], samples: int, max_draws: int) -> list[Drawn[T]]:
     """Draws each sample until it is satisfied, at most `max_draws` times; else keeps the closest.
 
     Args:
-        attempt: Called with the indices of the pending samples and the number of the draw, from 0.
+        attempt: Draws the pending samples once.
         samples: How many samples are wanted.
         max_draws: Limit of draws of each; at least 1.
-
-    Returns:
-        One candidate per sample; its certificate counts the draws that were made.
     """
     if max_draws < 1:
         raise ValueError(f"`max_draws` must be at least 1; got {max_draws}.")
     pending: Sequence[int] = range(samples)
-    kept: dict[int, Candidate[T]] = {}
+    closest: dict[int, Candidate[T]] = {}
+    draws = dict.fromkeys(pending, 0)
     for number in range(max_draws):
         if not pending:
             break
         for k, candidate in zip(pending, attempt(pending, number), strict=True):
-            if k not in kept or _better(candidate.certificate, kept[k].certificate):
-                kept[k] = candidate
-            certificate = replace(kept[k].certificate, draws=number + 1)
-            kept[k] = replace(kept[k], certificate=certificate)
-        pending = [k for k in pending if not kept[k].certificate.satisfied]
-    return [kept[k] for k in range(samples)]
-
-
-def _better(new: Certificate, old: Certificate) -> bool:
-    return new.satisfied or new.min_margin > old.min_margin
-
-
-def padded_batch(samples: int) -> int:
-    """Size of the compiled batch that holds `samples`, at most the largest of `BATCHES`."""
-    return next((size for size in BATCHES if size >= samples), BATCHES[-1])
+            draws[k] = number + 1
+            if k not in closest or candidate.satisfied or candidate.margin > closest[k].margin:
+                closest[k] = candidate
+        pending = [k for k in pending if not closest[k].satisfied]
+    return [Drawn(closest[k].sample, closest[k].satisfied, draws[k]) for k in range(samples)]

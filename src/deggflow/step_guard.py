@@ -15,6 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .guidance import GuidanceReport
 from .solver import RungeKutta
+from .trace import Kept, Point, Summary, add_point, empty_summary, kept
 
 Velocity = Callable[
     [Any, Float[Array, ""], Float[Array, "agents dim"]],
@@ -22,9 +23,11 @@ Velocity = Callable[
 ]
 """(state of the guidance, tau, z) -> dz/dtau and what the guidance reports."""
 
-Landed = Callable[[Any, Float[Array, ""], Float[Array, " rows"], Bool[Array, " rows"]], Any]
+OnForcedStep = Callable[[Any, Float[Array, ""], Float[Array, " rows"], Bool[Array, " rows"]], Any]
 
 LAST = 16  # the last sixteenth of a batch is finished by itself
+ROUNDING = 64  # times the precision: what a value's own sums may be off
+UNSMOOTH = 0.5  # a smooth value rises against its slope by a part that halves with the step; at a kink the part stays
 
 
 @dataclass(frozen=True)
@@ -41,114 +44,148 @@ class StepGuard:
             raise ValueError(f"`halvings` must not be negative; got {self.halvings}.")
 
 
-class Lane(NamedTuple):
+class SampleProgress(NamedTuple):
     """One sample under way: the last accepted point, and the point that a step proposes."""
 
     tau: Float[Array, ""]
     z: Float[Array, "agents dim"]
     slope: Float[Array, "agents dim"]
+    value: Float[Array, " rows"]
+    value_slope: Float[Array, " rows"]  # d value / d tau along `slope`
     proposed_tau: Float[Array, ""]
     proposed_z: Float[Array, "agents dim"]
     goal: Int[Array, ""]  # index of the grid point that comes next; beyond the grid: done
     left: Int[Array, ""]  # halvings left before it
+    refused_size: Float[Array, ""]  # of the first refused step before the next grid point
+    unexpected: Float[Array, " rows"]  # how much faster values rose in it than their slopes said
     state: Any  # of the guidance
-    reports: GuidanceReport  # at the grid points that were reached
+    trace: Kept | None  # at the grid points that were reached
     path: Float[Array, "points agents dim"] | None
-    evaluations: Int[Array, ""]
-    refused: Int[Array, ""]
-    above: Int[Array, ""]
+    summary: Summary
 
 
 class GuardedSteps(NamedTuple):
-    """How a lane is carried over the grid; each accepted point meets its limits, or is counted in `above`."""
+    """How a sample is carried over the grid; each accepted point meets its limits, or is counted as forced."""
 
     grid: Float[Array, " points"]
     solver: RungeKutta
     guard: StepGuard
+    keep_trace: bool
+    keep_path: bool
 
     def start(
-        self, velocity: Velocity, state: Any, z0: Float[Array, "agents dim"], keep_path: bool
-    ) -> Lane:
-        """A lane that proposes z(0)."""
-        points, none, tau = self.grid.shape[0], jnp.asarray(0), self.grid[0]
+        self, velocity: Velocity, state: Any, z0: Float[Array, "agents dim"]
+    ) -> SampleProgress:
+        """Progress of a sample that proposes z(0)."""
+        points, tau = self.grid.shape[0], self.grid[0]
+        none = jnp.zeros((), jnp.int32)
         _, shapes = jax.eval_shape(velocity, state, tau, z0)
-        reports = jax.tree.map(lambda one: jnp.zeros((points, *one.shape), one.dtype), shapes)
-        path = jnp.zeros((points, *z0.shape), z0.dtype) if keep_path else None
-        halvings = jnp.asarray(self.guard.halvings)
-        return Lane(
-            tau, z0, jnp.zeros_like(z0), tau, z0, none, halvings, state, reports, path, none, none, none
+        row = jnp.zeros_like(shapes.value)
+        trace = jax.tree.map(lambda one: jnp.zeros((points, *one.shape), one.dtype), kept(shapes))
+        return SampleProgress(
+            tau=tau, z=z0, slope=jnp.zeros_like(z0), value=row, value_slope=row,
+            proposed_tau=tau, proposed_z=z0, goal=none,
+            left=jnp.asarray(self.guard.halvings, jnp.int32), refused_size=jnp.zeros_like(tau),
+            unexpected=row, state=state,
+            trace=trace if self.keep_trace else None,
+            path=jnp.zeros((points, *z0.shape), z0.dtype) if self.keep_path else None,
+            summary=empty_summary(tau, z0, len(row)),
         )  # fmt: skip
 
-    def advance(self, velocity: Velocity, landed: Landed, lane: Lane) -> Lane:
-        """Evaluates the proposed point, accepts or refuses it, and proposes another; a lane that is done stays."""
-        points, active = self.grid.shape[0], self.unfinished(lane)
-        slope, report = velocity(lane.state, lane.proposed_tau, lane.proposed_z)
-        # Not a number is over, too; no step led to the first point.
-        over = ~(report.value <= report.limit) & (lane.proposed_tau > self.grid[0])
+    def advance(
+        self,
+        velocity: Velocity,
+        on_forced_step: OnForcedStep,
+        mask: Bool[Array, " agents"] | None,
+        at: SampleProgress,
+    ) -> SampleProgress:
+        """Evaluates the proposed point, accepts or refuses it, and proposes another; a sample that is done stays."""
+        points, active = self.grid.shape[0], self.unfinished(at)
+        slope, report = velocity(at.state, at.proposed_tau, at.proposed_z)
+        # NaN counts as exceeding the limit; no step led to the first point.
+        over = ~(report.value <= report.limit) & (at.goal > 0)
         within = ~jnp.any(over)
-        accept = active & (within | (lane.left == 0))
+        accept = active & (within | (at.left == 0))
         refuse = active & ~accept
-        reached = accept & (lane.proposed_tau == self.grid[lane.goal])
-        goal = lane.goal + reached
+        forced = accept & ~within
+        reached = accept & (at.proposed_tau == self.grid[at.goal])
+        goal = at.goal + reached
         state = jax.tree.map(
-            lambda new, old: jnp.where(accept & ~within, new, old),
-            landed(lane.state, lane.proposed_tau, report.value, over),
-            lane.state,
+            lambda new, old: jnp.where(forced, new, old),
+            on_forced_step(at.state, at.proposed_tau, report.value, over),
+            at.state,
         )
-        tau = jnp.where(accept, lane.proposed_tau, lane.tau)
-        z = jnp.where(accept, lane.proposed_z, lane.z)
-        slope = jnp.where(accept, slope, lane.slope)
+        size = at.proposed_tau - at.tau
+        unexpected = (report.value - at.value) / jnp.where(size > 0, size, 1.0) - at.value_slope
+        much_shorter = size <= at.refused_size / 4
+        kinks = forced & much_shorter & over & (unexpected > UNSMOOTH * at.unexpected)
+        # Rounding of the values, over a short step, is no slope.
+        rounding = ROUNDING * jnp.finfo(size.dtype).eps * (jnp.abs(report.value) + jnp.abs(at.value))
+        kinks &= jnp.minimum(unexpected * size, at.unexpected * at.refused_size) > rounding
+        first_refusal = refuse & (at.left == self.guard.halvings)
+        last = at.goal >= points - 1
+        point = Point(
+            at.proposed_tau, at.proposed_z, report, accept, refuse, over, forced, kinks, last & reached
+        )  # fmt: skip
+        tau = jnp.where(accept, at.proposed_tau, at.tau)
+        z = jnp.where(accept, at.proposed_z, at.z)
+        slope = jnp.where(accept, slope, at.slope)
         ahead = self.grid[jnp.minimum(goal, points - 1)]
-        after = jnp.where(refuse, tau + (lane.proposed_tau - tau) / 2, ahead)
-        size = after - tau
-        moved = self.solver.step(lambda t, x: velocity(state, t, x)[0], tau, z, slope, size)
-        spot = jnp.where(reached, lane.goal, points)  # beyond the end: not written
-        return Lane(
-            tau,
-            z,
-            slope,
-            after,
-            moved,
-            goal,
-            jnp.where(reached, self.guard.halvings, lane.left - refuse),
-            state,
-            jax.tree.map(lambda kept, new: kept.at[spot].set(new), lane.reports, report),
-            None if lane.path is None else lane.path.at[spot].set(z),
-            lane.evaluations + active,
-            lane.refused + refuse,
-            lane.above + (accept & ~within),
-        )
+        after = jnp.where(refuse, tau + size / 2, ahead)
+        moved = self.solver.step(lambda t, x: velocity(state, t, x)[0], tau, z, slope, after - tau)
+        spot = jnp.where(reached, at.goal, points)  # beyond the end: not written
+        return SampleProgress(
+            tau=tau,
+            z=z,
+            slope=slope,
+            value=jnp.where(accept, report.value, at.value),
+            value_slope=jnp.where(accept, report.slope, at.value_slope),
+            proposed_tau=after,
+            proposed_z=moved,
+            goal=goal,
+            left=jnp.where(reached, self.guard.halvings, at.left - refuse),
+            refused_size=jnp.where(first_refusal, size, at.refused_size),
+            unexpected=jnp.where(first_refusal, unexpected, at.unexpected),
+            state=state,
+            trace=None if at.trace is None else jax.tree.map(
+                lambda before, new: before.at[spot].set(new), at.trace, kept(report)
+            ),
+            path=None if at.path is None else at.path.at[spot].set(z),
+            summary=add_point(at.summary, point, mask),
+        )  # fmt: skip
 
-    def unfinished(self, lane: Lane) -> Bool[Array, "..."]:
-        """Whether there are grid points left to reach; of one lane or of a batch."""
-        return lane.goal < self.grid.shape[0]
+    def unfinished(self, at: SampleProgress) -> Bool[Array, "..."]:
+        """Whether there are grid points left to reach; of one sample or of a batch."""
+        return at.goal < self.grid.shape[0]
 
 
-Advance = Callable[[Any, Lane], Lane]
-"""(what a sample is conditioned on, its lane) -> the lane one evaluation later."""
+Advance = Callable[[Any, SampleProgress], SampleProgress]
+"""(what a sample is conditioned on, its progress) -> its progress one evaluation later."""
 
 
-def finish(steps: GuardedSteps, advance: Advance, given: Any, lanes: Lane) -> Lane:
-    """Carries a batch of lanes to the end; the few that most of it would wait for are gathered and go on alone.
+def finish(
+    steps: GuardedSteps, advance: Advance, given: Any, samples: SampleProgress
+) -> SampleProgress:
+    """Carries a batch of samples to the end; the few that most of it would wait for are gathered and go on alone.
 
     Args:
         steps: Grid, scheme and guard.
-        advance: One evaluation of one lane.
+        advance: One evaluation of one sample.
         given: What each sample is conditioned on, with a leading axis of samples.
-        lanes: As `GuardedSteps.start` makes them, with a leading axis of samples.
+        samples: As `GuardedSteps.start` makes them, with a leading axis of samples.
     """
-    few = lanes.goal.shape[0] // LAST
+    few = samples.goal.shape[0] // LAST
 
-    def until(left: int, given: Any, lanes: Lane) -> Lane:
+    def until(left: int, given: Any, samples: SampleProgress) -> SampleProgress:
         return jax.lax.while_loop(
-            lambda lanes: jnp.sum(steps.unfinished(lanes)) > left,
-            lambda lanes: jax.vmap(advance)(given, lanes),
-            lanes,
+            lambda samples: jnp.sum(steps.unfinished(samples)) > left,
+            lambda samples: jax.vmap(advance)(given, samples),
+            samples,
         )
 
-    lanes = until(few, given, lanes)
+    samples = until(few, given, samples)
     if not few:
-        return lanes
-    last = jnp.argsort(lanes.goal)[:few]  # all that are unfinished are among them
-    part = jax.tree.map(lambda leaf: leaf[last], (given, lanes))
-    return jax.tree.map(lambda leaf, new: leaf.at[last].set(new), lanes, until(0, *part))
+        return samples
+    last = jnp.argsort(samples.goal)[:few]  # all that are unfinished are among them
+    part = jax.tree.map(lambda leaf: leaf[last], (given, samples))
+    return jax.tree.map(lambda leaf, new: leaf.at[last].set(new), samples, until(0, *part))

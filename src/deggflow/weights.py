@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from safetensors.numpy import load_file, save
 
-from .files import write_atomically
+from .files import StrPath, write_atomically
 
 M = TypeVar("M", bound=eqx.Module)
 
@@ -28,20 +28,32 @@ def _named_arrays(module: eqx.Module) -> dict[str, Any]:
     }
 
 
-def save_weights(path: Path, module: eqx.Module, card: dict[str, Any]) -> None:
+def save_weights(path: StrPath, module: eqx.Module, card: dict[str, Any]) -> None:
     """Writes `path` (safetensors) and the card beside it (same name, .json)."""
+    path = Path(path)
     arrays = {name: np.asarray(leaf) for name, leaf in _named_arrays(module).items()}
     write_atomically(path, save(arrays))
     write_atomically(path.with_suffix(".json"), json.dumps(card, indent=2) + "\n")
 
 
-def load_card(path: Path) -> dict[str, Any]:
-    """The card of a weights file."""
-    card: dict[str, Any] = json.loads(path.with_suffix(".json").read_text())
+def load_card(path: StrPath) -> dict[str, Any]:
+    """The card of a weights file.
+
+    Raises:
+        OSError: The card can't be read.
+        ValueError: The card is not a JSON object.
+    """
+    path = Path(path).with_suffix(".json")
+    try:
+        card = json.loads(path.read_text("utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{path}: not JSON: {error}") from None
+    if not isinstance(card, dict):
+        raise ValueError(f"{path}: must hold a JSON object; got {type(card).__name__}.")
     return card
 
 
-def load_weights(path: Path, skeleton: M) -> M:
+def load_weights(path: StrPath, skeleton: M) -> M:
     """The skeleton with its arrays replaced by those of the file.
 
     The skeleton may hold arrays or only their shapes (`eqx.filter_eval_shape`).

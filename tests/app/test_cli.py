@@ -314,7 +314,7 @@ def test_a_trace_is_kept_with_every_requirement(inside, tmp_path):
     found = inside("tabletop", "certify", "s.jsonl")
     assert found.returncode == 0
     assert all(name in found.stdout for name in names)
-    assert "conditions held at every point" in found.stdout or not made["held"]
+    assert "conditions held at all " in found.stdout or not made["held"]
     other = inside("tabletop", "generate", *arguments[:4], "--seed", 2, "--out", "s.jsonl")
     assert other.returncode == 2
     assert "begun with trace = true, not false" in other.stderr
@@ -407,6 +407,23 @@ def test_data_and_training_from_the_command_line(inside, tmp_path):
         *("--guidance", "none"),
     )
     assert used.returncode == 0, used.stderr
+    more = ("tabletop", "train", "--data", "d", "--out", "run", "--steps", 1000, "--batch", 4)
+    small = ("--rounds", 1, "--head-width", 8)
+    wider = inside(*more, "--width", 9, *small)
+    assert wider.returncode == 2
+    assert "run/config.json: `architecture.width` is 9 here, 8 in the run" in wider.stderr
+    extended = inside(*more, "--width", 8, *small)
+    assert extended.returncode == 0, extended.stderr
+    card = json.loads((tmp_path / "run/field.json").read_text())
+    assert card["training"]["segments"] == [500, 1000]
+    assert [line.split("--steps ")[1].split()[0] for line in card["commands"][1:]] == [
+        "500",
+        "1000",
+    ]
+    (tmp_path / "run/config.json").write_text("[]")
+    refused = inside(*more, "--width", 8, *small)
+    assert refused.returncode == 2
+    assert "run/config.json: must be a JSON object; got []" in refused.stderr
 
 
 def test_rivals_are_compared_and_unknown_ones_refused(inside, tmp_path):

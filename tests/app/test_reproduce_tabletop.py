@@ -236,7 +236,7 @@ def test_the_deviation_stands_beside_the_papers_and_below_its_bounds():
     assert line["L_D W2"] == pytest.approx(1.35 * 0.5)
     text = " ".join(section.text)
     assert "12.0% instead of 8.4% (N = 4) and 24.0% instead of 16.8% (N = 8)" in text
-    assert "the same integral is 2 times W2" in text
+    assert "the factor that it had, the bound is 2 times W2" in text
     states, poses = section.summary
     assert states.paper == "20.6% and 34.5%; 98.3% to 99.9%"
     assert states.ours == poses.ours == "8.0% and 16.0%; 99.0% to 99.0%"

@@ -1,5 +1,6 @@
 """Two shared factors of five agents, fields that fight them, and the same factors once more by hand in numpy."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import equinox as eqx
@@ -15,8 +16,15 @@ NEAR, BELOW = [0, 1, 2], [1, 2, 3]  # agents of the two factors; agent 4 is in n
 RATE = 2.5
 
 
+def far(condition):
+    """Above whatever the bound decays to."""
+    return 10.0
+
+
 class Decaying(AbstractBound):
     """A bound of one's own: (q(z(0)) + 0.1) e^(-2.5 tau) if that is positive, else level."""
+
+    end: Callable = far
 
     def init(self, value, condition):
         return value + 0.1

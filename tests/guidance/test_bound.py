@@ -1,5 +1,6 @@
 """Bounds of shared requirements: eqn:SE_beta_start, their ends, and that they are C^1."""
 
+from collections.abc import Callable
 from functools import partial
 
 import jax
@@ -19,8 +20,15 @@ def cosine(tau):
     return (1 + jnp.cos(jnp.pi * tau)) / 2
 
 
+def far(condition):
+    """What it comes to at tau = 1 depends on z(0), and does not matter here."""
+    return jnp.inf
+
+
 class Exponential(AbstractBound):
     """A bound of one's own: decays from q(z(0)) + 0.05 at the rate of the condition."""
+
+    end: Callable = far
 
     def init(self, value, condition):
         return value + 0.05, condition

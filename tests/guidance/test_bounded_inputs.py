@@ -7,6 +7,7 @@ large while somebody else can act. With two rows and phi_delta it holds up to a 
 inside the blend `ell . d` is that much less than `|d|^2`.
 """
 
+from collections.abc import Callable
 from functools import cache
 from typing import NamedTuple
 
@@ -17,7 +18,7 @@ import pytest
 from scipy.optimize import nnls
 
 from deggflow import DecoupledGuidance, PrivateRequirement, SharedFactor, SharedRequirements
-from deggflow.guidance import AbstractBound, AdaptiveShares, EqualShares
+from deggflow.guidance import AbstractBound, AbstractMargins, AdaptiveShares, EqualShares
 
 AGENTS, DIM, DELTA, TIME = 4, 3, 0.02, 0.5
 RHO, KAPPA = 0.75, 1.15
@@ -26,8 +27,14 @@ HEIGHT = 20.0  # of every violation, about
 BLEND = 9 * DELTA**2 / 256 / (1 - DELTA**2)
 
 
+def nowhere(condition):
+    return jnp.inf
+
+
 class Level(AbstractBound):
-    """beta = q(z(0))."""
+    """beta = q(z(0)); what it is at the end does not matter here."""
+
+    end: Callable = nowhere
 
     def init(self, value, condition):
         return value
@@ -46,19 +53,37 @@ class Case(NamedTuple):
     drift: np.ndarray  # (cases, agents, dim)
 
 
+class Linear(AbstractMargins):
+    """Violations that are linear in the states, as no hinge is."""
+
+    def __call__(self, z, condition):
+        return -self.violation(z, condition, 0.0)[:, None]
+
+    def violation(self, z, condition, buffer):
+        return condition.height + jnp.einsum("jad,ad->j", condition.private, z)
+
+    def violation_and_gradient(self, z, condition, buffer):
+        return self.violation(z, condition, buffer), jnp.sum(condition.private, axis=0)
+
+    def dependence(self, z, condition, buffer):
+        return jnp.ones((AGENTS, AGENTS), bool)
+
+
 def guidance(factors, sharing):
     shared = SharedRequirements(
         tuple(
-            SharedFactor(lambda tau, z, c, k=k: jnp.sum(c.shared[k] * z) + c.rise[k] * tau, Level())
+            SharedFactor(
+                lambda tau, z, c, k=k: jnp.sum(c.shared[k] * z) + c.rise[k] * tau,
+                Level(),
+                name=f"shared {k}",
+            )
             for k in range(factors)
         ),
         sharing,
     )
 
-    def violation(z, condition):
-        return condition.height + jnp.einsum("jad,ad->j", condition.private, z)
-
-    return DecoupledGuidance((shared, PrivateRequirement(violation, rho=RHO, kappa=KAPPA)))
+    private = PrivateRequirement(Linear(), 0.0, rho=RHO, kappa=KAPPA)
+    return DecoupledGuidance((shared, private))
 
 
 def cases(factors, count, seed):

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from deggflow import DecoupledGuidance, PrivateRequirement, hinge_violation
+from deggflow import DecoupledGuidance, PrivateRequirement
 
 AGENTS, DIM, INPUTS = 3, 3, 2
 
@@ -22,7 +22,7 @@ def control(tau, z, condition):
 
 def test_rows_hold_for_any_control_map_and_metric(key):
     metric = jnp.array([[2.0, 0.5], [0.5, 1.0]])
-    one = PrivateRequirement(violation=hinge_violation(margins, 0.05))
+    one = PrivateRequirement(margins, 0.05)
     guidance = DecoupledGuidance((one,), control=control, metric=metric)
     z, drift = jax.random.normal(key, (2, AGENTS, DIM))
     tau = jnp.asarray(0.6)
@@ -41,8 +41,8 @@ def test_rows_hold_for_any_control_map_and_metric(key):
 
 
 def test_two_requirements_stand_in_one_generation(key):
-    left = PrivateRequirement(violation=hinge_violation(lambda z, c: z[:, :1] - 0.5, 0.05))
-    low = PrivateRequirement(violation=hinge_violation(lambda z, c: 0.2 - z[:, 1:2], 0.05))
+    left = PrivateRequirement(lambda z, c: z[:, :1] - 0.5, 0.05, name="left")
+    low = PrivateRequirement(lambda z, c: 0.2 - z[:, 1:2], 0.05, name="low")
     guidance = DecoupledGuidance((left, low))
     z, drift = jax.random.normal(key, (2, AGENTS, DIM))
     state = guidance.init(z, None)
@@ -58,7 +58,7 @@ def test_two_requirements_stand_in_one_generation(key):
 
 def test_an_agents_input_does_not_use_anothers(key):
     """Each input is a function of states and the drift of its own agent."""
-    guidance = DecoupledGuidance((PrivateRequirement(violation=hinge_violation(margins, 0.05)),))
+    guidance = DecoupledGuidance((PrivateRequirement(margins, 0.05),))
     z, drift = jax.random.normal(key, (2, AGENTS, DIM))
     state = guidance.init(z, None)
     other = drift.at[1:].add(7.0)  # changes what the other agents do
@@ -73,7 +73,7 @@ METRICS = np.array([[[2.0, 0.5], [0.5, 1.0]], [[1.0, 0.0], [0.0, 4.0]], [[0.5, -
 @functools.cache
 def limited(box, norm, count=30):
     """Rows, inputs and who is reported, at random states of growing urgency."""
-    one = PrivateRequirement(violation=hinge_violation(margins, 0.05))
+    one = PrivateRequirement(margins, 0.05)
     rng = np.random.default_rng(2)
     z, drift = rng.normal(size=(2, count, AGENTS, DIM))
 
@@ -136,7 +136,7 @@ def test_limits_that_are_not_reached_change_nothing(limit):
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan")])
 def test_limits_that_are_not_positive_are_refused(limit, value):
     def guided():
-        one = PrivateRequirement(violation=hinge_violation(margins, 0.05))
+        one = PrivateRequirement(margins, 0.05)
         guidance, z = DecoupledGuidance((one,), **{limit: value}), jnp.ones((AGENTS, DIM))
         return guidance(guidance.init(z, None), jnp.asarray(0.5), z, z, None)
 

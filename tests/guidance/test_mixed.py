@@ -18,10 +18,8 @@ from deggflow import (
     SharedFactor,
     SharedRequirements,
     generate,
-    hinge_violation,
     refined_grid,
 )
-from deggflow.trace import summarise
 
 AGENTS, DIM, BUFFER = 3, 3, 0.05
 GAIN, SLACK = 4.0, 0.02  # alpha(s) = gain s; by which bounds start above q(z(0))
@@ -84,7 +82,7 @@ def guidance():
         ),
     )
     private = PrivateRequirement(
-        hinge_violation(margins, BUFFER), floor=BUFFER**2 / 2, rho=RHO, kappa=KAPPA, name="apart"
+        margins, BUFFER, rho=RHO, kappa=KAPPA, name="apart"
     )
     return DecoupledGuidance(
         (SharedRequirements(factors), private),
@@ -247,8 +245,10 @@ def run():
     @jax.vmap
     def both(z0, condition):
         grid = refined_grid(STEPS)
-        out = generate(field, guidance(), z0, condition, grid=grid, keep_path=True)
-        summary = summarise(out.trace, out.work)
+        out = generate(
+            field, guidance(), z0, condition, grid=grid, guard=None, keep_path=True
+        )
+        summary = out.summary
         nominal = generate(field, NoGuidance(), z0, condition, grid=grid).z
         return out.path, nominal, summary, summary.held
 

@@ -22,7 +22,7 @@ AGENTS, RHO, KAPPA, BUFFER = 4, 0.75, 1.15, 0.02
 ALLOCATIONS = {
     "own": Own(),
     "pooled": Pooled(),
-    "local": Local(lambda z, condition: jnp.ones((AGENTS, AGENTS), bool)),
+    "local": Local(),
 }
 
 
@@ -45,7 +45,7 @@ violation = hinge_violation(margins, BUFFER)
 
 def requirement(name, reanchored):
     return PrivateRequirement(
-        violation=violation, allocation=ALLOCATIONS[name], reanchored=reanchored
+        margins, BUFFER, allocation=ALLOCATIONS[name], reanchored=reanchored
     )
 
 
@@ -74,9 +74,9 @@ def test_rows_together_imply_the_decay_of_v(name, reanchored, key):
 
 
 @pytest.mark.parametrize("name", ALLOCATIONS)
-def test_separate_demands_add_up_to_that_of_v(name, key):
+def test_per_owner_demands_add_up_to_that_of_v(name, key):
     """dV/dtau <= -kappa / (1 - rho) omega V / int_tau^1 omega, though no owner knows V."""
-    one = PrivateRequirement(violation=violation, allocation=ALLOCATIONS[name], separate=True)
+    one = PrivateRequirement(margins, BUFFER, allocation=ALLOCATIONS[name], per_owner_gain=True)
     guidance = DecoupledGuidance((one,))
     z, tau, condition = jax.random.normal(key, (AGENTS, 2)), jnp.asarray(0.4), jnp.eye(2)
     drift = crowd(tau, z, condition)
@@ -87,13 +87,13 @@ def test_separate_demands_add_up_to_that_of_v(name, key):
     wanted = KAPPA / (1 - RHO) * omega * total / remaining
     assert total > 0
     assert decay <= -wanted * (1 - 1e-3)
-    owed = one.demand(one.init(z, condition), tau, z, drift, None, condition).owed
+    owed = one.demand(one.init(z, condition), tau, z, drift, None, condition).required_decrease[0]
     assert float(jnp.sum(owed)) == pytest.approx(float(wanted), rel=1e-5)
 
 
-def test_separate_demands_need_reanchoring():
-    with pytest.raises(ValueError, match="`separate` needs `reanchored`"):
-        PrivateRequirement(violation=violation, separate=True, reanchored=False)
+def test_per_owner_demands_need_reanchoring():
+    with pytest.raises(ValueError, match="`per_owner_gain` needs `reanchored`"):
+        PrivateRequirement(margins, BUFFER, per_owner_gain=True, reanchored=False)
 
 
 def excess(name, steps):
@@ -106,7 +106,7 @@ def excess(name, steps):
     def run(key):
         start, swirl = jax.random.split(key)
         z0 = jax.random.normal(start, (AGENTS, 2))
-        return generate(crowd, guidance, z0, jax.random.normal(swirl, (2, 2)), grid=grid)
+        return generate(crowd, guidance, z0, jax.random.normal(swirl, (2, 2)), grid=grid, guard=None)
 
     out = run(jax.random.split(jax.random.key(3), 64))
     v, tau = np.asarray(out.trace.value[..., 0], np.float64), np.asarray(grid)
@@ -139,9 +139,13 @@ def test_reanchored_guidance_converges_from_wherever_v_stands():
     grid = refined_grid(3000)
     kick = 700
 
-    first = jax.jit(lambda z: generate(crowd, guidance, z, jnp.eye(2), grid=grid[: kick + 1]))(z0)
+    @jax.jit
+    def part(z, grid):  # of the way: nothing that a certificate could be made of
+        return generate(crowd, guidance, z, jnp.eye(2), grid=grid, guard=None)
+
+    first = part(z0, grid[: kick + 1])
     disturbed = 0.2 * first.z  # everybody thrown together
-    rest = jax.jit(lambda z: generate(crowd, guidance, z, jnp.eye(2), grid=grid[kick:]))(disturbed)
+    rest = part(disturbed, grid[kick:])
     v, times = np.asarray(rest.trace.value[:, 0], np.float64), np.asarray(rest.trace.tau)
     assert v[0] > 0.1
     left = np.array([float(omega.remaining(jnp.asarray(t))) for t in times])
@@ -159,11 +163,11 @@ def test_without_guidance_the_same_field_breaks_the_requirement():
 
 def test_a_requirement_no_input_can_change_names_the_agent():
     def stuck(z, condition):
-        return jnp.array([0.0, 1.0, 0.0, 0.0]) + 0.0 * jnp.sum(z)
+        return jnp.array([[1.0], [-1.0], [1.0], [1.0]]) + 0.0 * jnp.sum(z)
 
     for allocation in ALLOCATIONS.values():
-        one = PrivateRequirement(violation=stuck, allocation=allocation)
-        out = generate(crowd, DecoupledGuidance((one,)), jnp.zeros((AGENTS, 2)), jnp.eye(2))
+        one = PrivateRequirement(stuck, BUFFER, allocation=allocation)
+        out = generate(crowd, DecoupledGuidance((one,)), jnp.zeros((AGENTS, 2)), jnp.eye(2), guard=None)
         infeasible = out.trace.infeasible[:-1]
         assert jnp.all(infeasible[:, 1])
         assert not jnp.any(infeasible[:, jnp.array([0, 2, 3])])
@@ -173,7 +177,7 @@ def test_a_requirement_no_input_can_change_names_the_agent():
 @pytest.mark.parametrize(("field", "value"), [("rho", 1.0), ("rho", 0.0), ("kappa", 0.9)])
 def test_constants_outside_the_theorem_are_refused(field, value):
     with pytest.raises(ValueError, match=f"`{field}` must .* got {value}"):
-        PrivateRequirement(violation=violation, **{field: value})
+        PrivateRequirement(margins, BUFFER, **{field: value})
 
 
 @pytest.mark.parametrize(

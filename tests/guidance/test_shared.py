@@ -3,6 +3,8 @@
 from functools import cache
 from typing import NamedTuple
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -175,7 +177,7 @@ def test_an_agents_input_knows_no_other_agents_drift(name):
 def test_one_requirement_stated_twice_asks_for_the_same_input():
     """eta = 1 and d = l: the proposition's conditions hold; u_i = -max(b_i, 0) l_i / |l_i|^2."""
     start, case = cases(24, 2)
-    twice = SharedRequirements(FACTORS[:1] * 2)
+    twice = SharedRequirements((FACTORS[0], replace(FACTORS[0], name="again")))
 
     @jax.jit
     @jax.vmap

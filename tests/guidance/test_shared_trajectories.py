@@ -51,7 +51,7 @@ COARSE, FINE = 100, 400
 @partial(jax.vmap, in_axes=(0, 0, None))
 def trajectory(z0, condition, grid):
     """Under heterogeneous control maps."""
-    return generate(field, guidance(mapped=True), z0, condition, grid=grid, keep_path=True)
+    return generate(field, guidance(mapped=True), z0, condition, grid=grid, guard=None, keep_path=True)
 
 
 @cache
@@ -127,7 +127,7 @@ def test_the_change_of_a_factor_by_itself_enters():
     factor = SharedFactor(lambda tau, z, condition: z[0, 0] + 3.0 * jnp.sin(5.0 * tau))
     guide = DecoupledGuidance((SharedRequirements((factor,)),))
     out = jax.jit(
-        lambda z0: generate(lambda tau, z, c: 0.0 * z, guide, z0, None, grid=refined_grid(400, 1.0))
+        lambda z0: generate(lambda tau, z, c: 0.0 * z, guide, z0, None, grid=refined_grid(400, 1.0), guard=None)
     )(jnp.full((1, 1), 0.5))
     assert jnp.max(out.trace.value - out.trace.bound) <= 0.02
     end = float(out.z[0, 0]) + 3 * np.sin(5.0)
@@ -154,7 +154,7 @@ def test_shares_that_ask_an_agent_for_what_it_cannot_give_are_reported():
             DecoupledGuidance((SharedRequirements((SharedFactor(one_sided),), s),))
             for s in sharings
         ]
-        return [generate(upward, guide, z0, None).trace for guide in guides]
+        return [generate(upward, guide, z0, None, guard=None).trace for guide in guides]
 
     def acted(trace):
         """Without the last point, which no input follows."""
@@ -180,7 +180,7 @@ def test_rows_exactly_opposed_at_one_agent_are_reported():
         for s, name in ((1.0, "down"), (-1.0, "up"))
     )
     guide = DecoupledGuidance((SharedRequirements(factors),))
-    still = jax.jit(lambda z0: generate(lambda tau, z, c: 0.0 * z, guide, z0, None))
+    still = jax.jit(lambda z0: generate(lambda tau, z, c: 0.0 * z, guide, z0, None, guard=None))
     out = still(jnp.full((3, 2), 2.0))
     middle = (out.trace.tau > 0.2) & (out.trace.tau < 0.8)
     assert jnp.all(out.trace.infeasible[middle, 0])

@@ -77,12 +77,12 @@ def train(
     head_width: int = 256,
     seed: int = 0,
 ) -> int:
-    """Train a nominal field; the same call goes on where a killed one stopped.
+    """Train a nominal field; the same call goes on where a killed one stopped, and one with more steps extends a finished one.
 
     Args:
         data: Folder with training.jsonl and validation.jsonl.
-        out: Folder that receives checkpoints, curves.csv, curves.png, field.safetensors and its card field.json.
-        steps: Training steps, a multiple of 500.
+        out: Folder that receives config.json, checkpoints, curves.csv, curves.png, field.safetensors and its card field.json.
+        steps: Training steps, a multiple of 500. Steps added to a finished run have a warm-up and a cosine of their own.
         batch: Scenes a step.
         learning_rate: Peak of the cosine schedule.
         width: Width of the message-passing layers.

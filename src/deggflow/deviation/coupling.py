@@ -28,8 +28,17 @@ class _Correcting(AbstractGuidance):
 
     inner: AbstractGuidance
 
-    def init(self, z0: Float[Array, "agents dim"], condition: Any) -> Any:
-        return self.inner.init(z0, condition)
+    @property
+    def names(self) -> tuple[str, ...]:
+        return self.inner.names
+
+    def init(
+        self,
+        z0: Float[Array, "agents dim"],
+        condition: Any,
+        mask: Bool[Array, " agents"] | None = None,
+    ) -> Any:
+        return self.inner.init(z0, condition, mask)
 
     def __call__(
         self,
@@ -43,14 +52,14 @@ class _Correcting(AbstractGuidance):
         correction, report = self.inner(state, tau, z, drift, condition, moving)
         return correction, report._replace(effort=jnp.linalg.norm(correction, axis=-1))
 
-    def landed(
+    def on_forced_step(
         self,
         state: Any,
         tau: Float[Array, ""],
         value: Float[Array, " rows"],
         above: Bool[Array, " rows"],
     ) -> Any:
-        return self.inner.landed(state, tau, value, above)
+        return self.inner.on_forced_step(state, tau, value, above)
 
 
 @eqx.filter_jit
@@ -73,14 +82,15 @@ def couple(
         condition: One for all samples, as in the theorem.
         grid: As of `generate`.
         solver: As of `generate`.
-        guard: Of the guided steps. Without one, steps are those of the grid, and `bounds` knows all of them.
+        guard: Of the guided steps. Without one, and with `EULER`, steps are those of the grid and `bounds` knows all of
+            them; otherwise its recursions over steps need not hold.
 
     Source: paper, thm:wasserstein.
     """
     grid = refined_grid() if grid is None else grid
     many = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (len(z0), *jnp.shape(leaf))), condition)
     nominal = generate_batch(
-        field, NoGuidance(), z0, many, grid=grid, solver=solver, keep_path=True
+        field, NoGuidance(), z0, many, grid=grid, solver=solver, guard=None, keep_path=True
     )
     guided = generate_batch(
         field, _Correcting(guidance), z0, many,
@@ -88,5 +98,7 @@ def couple(
     )  # fmt: skip
     assert nominal.path is not None
     assert guided.path is not None
+    assert guided.trace is not None
+    assert guided.trace is not None
     correction = jnp.linalg.norm(guided.trace.effort, axis=-1)
     return Coupled(grid, nominal.path, guided.path, correction)

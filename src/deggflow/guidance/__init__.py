@@ -1,10 +1,24 @@
 """Decoupled guidance: every agent computes its own input, from states alone."""
 
 from .agent import AgentInput, Told, agent_input, told
-from .allocation import AbstractAllocation, Local, LocalPairs, Own, Pooled
+from .allocation import AbstractAllocation, Local, Own, Pooled
 from .bound import AbstractBound, TighteningBound
-from .decoupled import AbstractGuidance, DecoupledGuidance, GuidanceReport, NoGuidance
-from .private import PrivateRequirement, hinge_violation
+from .decoupled import (
+    AbstractGuidance,
+    DecoupledGuidance,
+    GuidanceReport,
+    NoGuidance,
+    report_without_rows,
+)
+from .margins import (
+    AbstractMargins,
+    Margins,
+    Pairs,
+    distances,
+    hinge_violation,
+    safe_norm,
+)
+from .private import PrivateRequirement
 from .qp import MinNormInput, min_norm_input
 from .requirement import AbstractRequirement, Demand, Rows
 from .schedule import AbstractSchedule, LinearSchedule, PowerSchedule
@@ -15,6 +29,7 @@ __all__ = [
     "AbstractAllocation",
     "AbstractBound",
     "AbstractGuidance",
+    "AbstractMargins",
     "AbstractRequirement",
     "AbstractSchedule",
     "AbstractSharing",
@@ -27,10 +42,11 @@ __all__ = [
     "GuidanceReport",
     "LinearSchedule",
     "Local",
-    "LocalPairs",
+    "Margins",
     "MinNormInput",
     "NoGuidance",
     "Own",
+    "Pairs",
     "Pooled",
     "PowerSchedule",
     "PrivateRequirement",
@@ -41,7 +57,10 @@ __all__ = [
     "TighteningBound",
     "Told",
     "agent_input",
+    "distances",
     "hinge_violation",
     "min_norm_input",
+    "report_without_rows",
+    "safe_norm",
     "told",
 ]

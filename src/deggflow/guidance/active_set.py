@@ -18,6 +18,14 @@ def resolution(dtype: jnp.dtype) -> float:
     return float(50 * jnp.finfo(dtype).eps)
 
 
+def crossing(dtype: jnp.dtype) -> float:
+    """Sine above which a QP lets two rows cross: half the resolution.
+
+    So whoever has an effective direction, which is longer than the resolution, is given an input, however it is rounded.
+    """
+    return resolution(dtype) / 2
+
+
 class _State(NamedTuple):
     v: Float[Array, " inputs"]
     multiplier: Float[Array, " rows"]  # of active rows, else 0
@@ -62,7 +70,8 @@ def _choose(
     """The most violated row, unless one is entering already; done where none is violated."""
     violation = jnp.where(state.active, -jnp.inf, unit @ state.v + distance)
     worst = jnp.argmax(violation)
-    size = 1 + jnp.sqrt(jnp.sum(state.v**2)) + jnp.abs(distance[worst])
+    largest = jnp.max(distance, initial=0.0)  # the solution is no shorter
+    size = largest + jnp.sqrt(jnp.sum(state.v**2)) + jnp.abs(distance[worst])
     met = violation[worst] <= tolerance * size
     new = state.entering < 0
     return state._replace(

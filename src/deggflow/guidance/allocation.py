@@ -6,11 +6,12 @@ for private requirements needs. They differ in which agents must act and in what
 
 import abc
 from collections.abc import Callable
-from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float
+
+from .margins import Dependence, Pairs
 
 
 class AbstractAllocation(eqx.Module):
@@ -20,11 +21,16 @@ class AbstractAllocation(eqx.Module):
     def __call__(
         self,
         demand: Float[Array, " owners"],
-        influence: Float[Array, " agents"],
-        z: Float[Array, "agents dim"],
-        condition: Any,
+        effective_norm_sq: Float[Array, " agents"],
+        dependence: Callable[[], Dependence],
     ) -> Float[Array, " agents"]:
-        """Args: demand: decrease that each owner's violation calls for; influence: |ell_i|^2 of each agent."""
+        """Shares of all agents.
+
+        Args:
+            demand: Decrease that each owner's violation calls for.
+            effective_norm_sq: |d_i|^2 of each agent, |ell_i|^2 where V's row is its only one.
+            dependence: Tells which agents each owner's violation depends on now; called only where that is needed.
+        """
 
 
 class Own(AbstractAllocation):
@@ -33,77 +39,63 @@ class Own(AbstractAllocation):
     def __call__(
         self,
         demand: Float[Array, " owners"],
-        influence: Float[Array, " agents"],
-        z: Float[Array, "agents dim"],
-        condition: Any,
+        effective_norm_sq: Float[Array, " agents"],
+        dependence: Callable[[], Dependence],
     ) -> Float[Array, " agents"]:
         return demand
 
 
 class Pooled(AbstractAllocation):
-    """The team's whole demand in proportion to what each agent can do about it, |ell_i|^2.
+    """The team's whole demand in proportion to what each agent can do about it, |d_i|^2.
 
-    An agent with `ell_i = 0` owes nothing, so all rows are feasible wherever grad V is not zero altogether.
+    An agent with `d_i = 0` owes nothing, so all rows are feasible wherever some agent can act at all.
     """
 
     def __call__(
         self,
         demand: Float[Array, " owners"],
-        influence: Float[Array, " agents"],
-        z: Float[Array, "agents dim"],
-        condition: Any,
+        effective_norm_sq: Float[Array, " agents"],
+        dependence: Callable[[], Dependence],
     ) -> Float[Array, " agents"]:
-        total = jnp.sum(influence)
-        weight = jnp.where(total > 0, influence / jnp.where(total > 0, total, 1.0), 0.0)
+        total = jnp.sum(effective_norm_sq)
+        weight = jnp.where(total > 0, effective_norm_sq / jnp.where(total > 0, total, 1.0), 0.0)
         # Where nobody has any influence the demand stays with its owners: an infeasible row, not silence.
         return jnp.where(total > 0, weight * jnp.sum(demand), demand)
 
 
 class Local(AbstractAllocation):
-    """Each owner's demand among the agents its violation depends on now, in proportion to |ell_i|^2.
+    """Each owner's demand among the agents its violation depends on now, in proportion to |d_i|^2.
 
-    `dependence(z, condition)` tells, for every owner, which agents those are; neighbours' states suffice.
+    The gain in an owner's demand still comes from the V of the whole team, so that every agent must know all states. With
+    the requirement's `per_owner_gain` an agent's row depends on agents within three links alone (docs/theory.md).
     """
-
-    dependence: Callable[[Float[Array, "agents dim"], Any], Bool[Array, "owners agents"]]
 
     def __call__(
         self,
         demand: Float[Array, " owners"],
-        influence: Float[Array, " agents"],
-        z: Float[Array, "agents dim"],
-        condition: Any,
+        effective_norm_sq: Float[Array, " agents"],
+        dependence: Callable[[], Dependence],
     ) -> Float[Array, " agents"]:
-        reach = self.dependence(z, condition) * influence[None]
-        total = jnp.sum(reach, axis=1)
+        found = dependence()
+        if isinstance(found, Pairs):
+            return _among_pairs(demand, effective_norm_sq, found)
+        weight = found * effective_norm_sq[None]
+        total = jnp.sum(weight, axis=1)
         alone = total <= 0  # nobody can act on this owner's violation: its demand stays with it
-        shared = jnp.where(alone, 0.0, demand / jnp.where(alone, 1.0, total)) @ reach
+        shared = jnp.where(alone, 0.0, demand / jnp.where(alone, 1.0, total)) @ weight
         return shared + jnp.where(alone, demand, 0.0)
 
 
-class LocalPairs(AbstractAllocation):
-    """`Local` with the dependence as a list, for teams so large that owners by agents would not do.
+def _among_pairs(
+    demand: Float[Array, " owners"], effective_norm_sq: Float[Array, " agents"], pairs: Pairs
+) -> Float[Array, " agents"]:
+    """The same from a list, for teams so large that owners by agents would not do.
 
-    `pairs(z, condition)` lists an owner and an agent its violation depends on, and whether it does now; who stands
-    there several times, for several requirements, is asked for as many shares.
+    Who is listed several times, for several requirements, is asked for as many shares.
     """
-
-    pairs: Callable[
-        [Float[Array, "agents dim"], Any],
-        tuple[Int[Array, " pairs"], Int[Array, " pairs"], Bool[Array, " pairs"]],
-    ]
-
-    def __call__(
-        self,
-        demand: Float[Array, " owners"],
-        influence: Float[Array, " agents"],
-        z: Float[Array, "agents dim"],
-        condition: Any,
-    ) -> Float[Array, " agents"]:
-        owner, agent, now = self.pairs(z, condition)
-        reach = jnp.where(now, influence[agent], 0.0)
-        total = jnp.zeros_like(demand).at[owner].add(reach)
-        alone = total <= 0  # nobody can act on this owner's violation: its demand stays with it
-        each = jnp.where(alone, 0.0, demand / jnp.where(alone, 1.0, total))
-        shared = jnp.zeros_like(influence).at[agent].add(each[owner] * reach)
-        return shared + jnp.where(alone, demand, 0.0)
+    weight = jnp.where(pairs.active, effective_norm_sq[pairs.agent], 0.0)
+    total = jnp.zeros_like(demand).at[pairs.owner].add(weight)
+    alone = total <= 0
+    each = jnp.where(alone, 0.0, demand / jnp.where(alone, 1.0, total))
+    shared = jnp.zeros_like(effective_norm_sq).at[pairs.agent].add(each[pairs.owner] * weight)
+    return shared + jnp.where(alone, demand, 0.0)

@@ -12,7 +12,12 @@ SLACK = 0.02  # by which the bound starts above q(z(0)) (paper, Task 1)
 
 
 class AbstractBound(eqx.Module):
-    """A C^1 bound with beta(0) >= q(z(0)); its derivative is taken automatically."""
+    """A C^1 bound with beta(0) >= q(z(0)); its derivative is taken automatically.
+
+    `end(condition)` is beta(1), which is what the requirement promises of a finished sample: it must not depend on z(0).
+    """
+
+    end: eqx.AbstractVar[Callable[[Any], Float[Array, ""] | float]]
 
     @abc.abstractmethod
     def init(self, value: Float[Array, ""], condition: Any) -> Any:
@@ -52,7 +57,7 @@ class TighteningBound(AbstractBound):
     Source: paper, App. on Task 1 (beta_a).
     """
 
-    end: Callable[[Any], Float[Array, ""]] = zero
+    end: Callable[[Any], Float[Array, ""] | float] = zero
     slack: float = eqx.field(static=True, default=SLACK)
     least: float | None = eqx.field(static=True, default=None)
     profile: Callable[[Float[Array, ""]], Float[Array, ""]] = quintic
@@ -62,9 +67,20 @@ class TighteningBound(AbstractBound):
             raise ValueError(
                 f"`slack` must not be negative, else beta(0) < q(z(0)) (paper, eqn:SE_beta_start); got {self.slack}."
             )
+        if not callable(self.end):
+            raise TypeError(
+                f"`end` must be a function of the condition, such as `lambda condition: 0.0`; got {self.end!r}."
+            )
+        if self.profile is quintic:
+            return
+        ends = [float(self.profile(jnp.asarray(tau))) for tau in (0.0, 1.0)]
+        if not (abs(ends[0] - 1) < 1e-6 and abs(ends[1]) < 1e-6):
+            raise ValueError(
+                f"`profile` must fall from 1 at tau = 0 to 0 at tau = 1; got {ends[0]} and {ends[1]}."
+            )
 
     def init(self, value: Float[Array, ""], condition: Any) -> Ends:
-        end = self.end(condition)
+        end = jnp.asarray(self.end(condition), value.dtype).reshape(())
         start = value + self.slack
         return Ends(start if self.least is None else jnp.maximum(start, end + self.least), end)
 

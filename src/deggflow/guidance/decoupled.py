@@ -10,8 +10,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from .active_set import resolution
-from .qp import MinNormInput, check_limits, min_norm_input
-from .requirement import AbstractRequirement, ControlMap, Rows
+from .qp import MinNormInput, check_limits, check_metric, min_norm_input
+from .requirement import AbstractRequirement, ControlMap, Demand, Rows
 from .sharing import DELTA, effective_directions
 
 
@@ -27,6 +27,33 @@ class GuidanceReport(NamedTuple):
     length: Float[Array, "rows agents"]  # |ell| where the agent must act (b > 0), else infinite
     active: Bool[Array, "rows agents"]  # the row decides the input: it is met with equality
     sine: Float[Array, " agents"]  # least sine between opposed rows that must be met, else 1
+    slope: Float[Array, " rows"]  # d value / d tau under drift and input
+    contribution: Float[Array, "rows agents"]  # how much of the value is whose; of any unit
+    drift_nan: Bool[Array, " agents"]  # the field is not finite there
+    value_nan: Bool[Array, "rows agents"]  # the requirement is not a number there
+    gradient_nan: Bool[Array, "rows agents"]  # its gradient is not
+    input_nan: Bool[Array, " agents"]  # the agent's input is not
+
+
+def report_without_rows(
+    drift: Float[Array, "agents dim"], u: Float[Array, "agents dim"]
+) -> GuidanceReport:
+    """What guidance without rows reports: efforts, and what is not a number."""
+    agents = len(drift)
+    row, rows = jnp.zeros(0, drift.dtype), jnp.zeros((0, agents), drift.dtype)
+    none, nobody = jnp.zeros((0, agents), bool), jnp.zeros(agents, bool)
+    return GuidanceReport(
+        value=row, bound=row, limit=row, able=none, infeasible=nobody,
+        effort=jnp.linalg.norm(u, axis=-1), length=rows, active=none,
+        sine=jnp.ones(agents, drift.dtype), slope=row, contribution=rows,
+        drift_nan=not_finite(drift), value_nan=none, gradient_nan=none,
+        input_nan=jnp.any(jnp.isnan(u), axis=-1),
+    )  # fmt: skip
+
+
+def not_finite(drift: Float[Array, "agents dim"]) -> Bool[Array, " agents"]:
+    """At which agents a field has no finite value."""
+    return ~jnp.all(jnp.isfinite(drift), axis=-1)
 
 
 TIGHT = 1e-4  # of |ell| |u| + |b|: rows met as closely are active
@@ -35,9 +62,19 @@ TIGHT = 1e-4  # of |ell| |u| + |b|: rows met as closely are active
 class AbstractGuidance(eqx.Module):
     """Guidance has the shape of a kernel: a state from z(0), then one call per step."""
 
+    @property
     @abc.abstractmethod
-    def init(self, z0: Float[Array, "agents dim"], condition: Any) -> Any:
-        """State of one sample."""
+    def names(self) -> tuple[str, ...]:
+        """What reports call the rows of the requirements; none if nothing is promised."""
+
+    @abc.abstractmethod
+    def init(
+        self,
+        z0: Float[Array, "agents dim"],
+        condition: Any,
+        mask: Bool[Array, " agents"] | None = None,
+    ) -> Any:
+        """State of one sample. `mask` is True for the agents that are present; None: all."""
 
     @abc.abstractmethod
     def __call__(
@@ -51,11 +88,11 @@ class AbstractGuidance(eqx.Module):
     ) -> tuple[Float[Array, "agents dim"], GuidanceReport]:
         """The correction g_i u_i of every agent, added to the nominal field, and a report.
 
-        Agents for which `moving` is False have stopped: they get no input, the others take their shares.
+        Agents for which `moving` is False have stopped or are absent: they get no input, the others take their shares.
         """
 
     @abc.abstractmethod
-    def landed(
+    def on_forced_step(
         self,
         state: Any,
         tau: Float[Array, ""],
@@ -68,7 +105,16 @@ class AbstractGuidance(eqx.Module):
 class NoGuidance(AbstractGuidance):
     """The nominal generation, u = 0."""
 
-    def init(self, z0: Float[Array, "agents dim"], condition: Any) -> None:
+    @property
+    def names(self) -> tuple[str, ...]:
+        return ()
+
+    def init(
+        self,
+        z0: Float[Array, "agents dim"],
+        condition: Any,
+        mask: Bool[Array, " agents"] | None = None,
+    ) -> None:
         return None
 
     def __call__(
@@ -80,14 +126,10 @@ class NoGuidance(AbstractGuidance):
         condition: Any,
         moving: Bool[Array, " agents"] | None = None,
     ) -> tuple[Float[Array, "agents dim"], GuidanceReport]:
-        agents = z.shape[0]
-        none, no = jnp.zeros(0), jnp.zeros(agents, bool)
-        rows, zeros = jnp.zeros((0, agents)), jnp.zeros(agents)
-        able = jnp.zeros((0, agents), bool)
-        nothing = GuidanceReport(none, none, none, able, no, zeros, rows, able, zeros + 1)
-        return jnp.zeros_like(z), nothing
+        none = jnp.zeros_like(z)
+        return none, report_without_rows(drift, none)
 
-    def landed(
+    def on_forced_step(
         self,
         state: None,
         tau: Float[Array, ""],
@@ -100,8 +142,8 @@ class NoGuidance(AbstractGuidance):
 class DecoupledGuidance(AbstractGuidance):
     """Each agent solves its own small QP over its rows, without knowing any other agent's input.
 
-    Args:
-        requirements: Shared and private ones in any number; each agent meets all of its rows at once.
+    Attributes:
+        requirements: A tuple of shared and private ones in any number; each agent meets all of its rows at once.
         control: g, one matrix per agent; None is the identity.
         metric: H, one for all agents or one per agent; None is the identity.
         box: Largest size of each entry of an input; None for no limit.
@@ -121,23 +163,54 @@ class DecoupledGuidance(AbstractGuidance):
     def __check_init__(self) -> None:
         if not 0 < self.delta < 1:
             raise ValueError(f"`delta` must be in (0, 1) (paper, phi_delta); got {self.delta}.")
-        if not self.requirements:
-            raise ValueError("`requirements` are none; the nominal generation has `NoGuidance()`.")
+        check_requirements(self.requirements)
+        if self.control is not None and not callable(self.control):
+            raise TypeError(
+                f"`control` must be a function (tau, z, condition) -> (agents, dim, inputs); got {type(self.control).__name__}."
+            )
         check_limits(self.box, self.norm)
+        check_metric(self.metric)
 
     @property
     def names(self) -> tuple[str, ...]:
         """What reports call the requirements, one name per row."""
         return tuple(name for requirement in self.requirements for name in requirement.names)
 
-    def init(self, z0: Float[Array, "agents dim"], condition: Any) -> tuple[Any, ...]:
-        return tuple(requirement.init(z0, condition) for requirement in self.requirements)
+    def init(
+        self,
+        z0: Float[Array, "agents dim"],
+        condition: Any,
+        mask: Bool[Array, " agents"] | None = None,
+    ) -> tuple[Any, ...]:
+        return tuple(requirement.init(z0, condition, mask) for requirement in self.requirements)
 
     def values(
-        self, tau: Float[Array, ""], z: Float[Array, "agents dim"], condition: Any
+        self,
+        tau: Float[Array, ""],
+        z: Float[Array, "agents dim"],
+        condition: Any,
+        mask: Bool[Array, " agents"] | None = None,
     ) -> Float[Array, " rows"]:
         """V or q of every row."""
-        return jnp.concatenate([each.values(tau, z, condition) for each in self.requirements])
+        return jnp.concatenate([each.values(tau, z, condition, mask) for each in self.requirements])
+
+    def margins_at_end(
+        self,
+        z: Float[Array, "agents dim"],
+        condition: Any,
+        mask: Bool[Array, " agents"] | None = None,
+    ) -> tuple[Float[Array, "..."], ...]:
+        """The verdict of every row on z(1), as `AbstractRequirement.margins_at_end`."""
+        each = [each.margins_at_end(z, condition, mask) for each in self.requirements]
+        return tuple(margins for own in each for margins in own)
+
+    def margin_names(self) -> tuple[tuple[str, ...] | None, ...]:
+        """Names of every row's margins."""
+        return tuple(
+            requirement.margin_names(row)
+            for requirement in self.requirements
+            for row in range(len(requirement.names))
+        )
 
     def rows(
         self,
@@ -149,30 +222,54 @@ class DecoupledGuidance(AbstractGuidance):
         moving: Bool[Array, " agents"] | None = None,
     ) -> Rows:
         """The rows of every agent, of all requirements."""
-        control = None if self.control is None else self.control(tau, z, condition)
+        control = self._control(tau, z, condition)
         demands = [
             requirement.demand(own, tau, z, drift, control, condition, moving)
             for requirement, own in zip(self.requirements, state, strict=True)
         ]
-        ell, rate, value, bound, limit = (
+        ell, rate, explicit, value, bound, limit, contribution, value_nan = (
             jnp.concatenate([getattr(demand, name) for demand in demands])
-            for name in ("ell", "rate", "value", "bound", "limit")
+            for name in Demand._fields[:-1]
         )
-        reach = jnp.sum(effective_directions(ell, self.delta) ** 2, axis=-1)
+        square = jnp.sum(effective_directions(ell, self.delta) ** 2, axis=-1)
         # What rounding leaves of a direction that should vanish is none.
         least = resolution(ell.dtype) ** 2 * jnp.sum(ell**2, axis=-1)
-        reach = jnp.where(reach > least, reach, 0.0)
+        square = jnp.where(square > least, square, 0.0)
         zeta = jnp.concatenate(
             [
-                requirement.shares(demand, reach[part], z, condition, moving)
+                requirement.shares(demand, square[part], z, condition, moving)
                 for requirement, demand, part in zip(
                     self.requirements, demands, self._parts(), strict=True
                 )
             ]
         )
         b = rate + zeta
-        # prop:c2_feasibility and cor:PE_local_feasibility: who must act has an effective direction to act along.
-        return Rows(ell, b, value, bound, limit, (b <= 0) | (reach > 0))
+        return Rows(
+            ell=ell,
+            b=b,
+            value=value,
+            bound=bound,
+            limit=limit,
+            # prop:c2_feasibility and cor:PE_local_feasibility: who must act has an effective direction to act along.
+            able=(b <= 0) | (square > 0),
+            rate=jnp.sum(rate, axis=-1) + explicit,
+            contribution=contribution,
+            value_nan=value_nan,
+            gradient_nan=jnp.any(jnp.isnan(ell), axis=-1),
+        )
+
+    def _control(
+        self, tau: Float[Array, ""], z: Float[Array, "agents dim"], condition: Any
+    ) -> Float[Array, "agents dim inputs"] | None:
+        if self.control is None:
+            return None
+        control = self.control(tau, z, condition)
+        if jnp.ndim(control) != 3 or control.shape[:2] != z.shape:
+            raise ValueError(
+                "`control` must return one matrix per agent, of shape "
+                f"({z.shape[0]}, {z.shape[1]}, inputs); got {jnp.shape(control)}."
+            )
+        return control.astype(z.dtype)
 
     def _parts(self) -> list[slice]:
         """Which rows are whose."""
@@ -189,19 +286,35 @@ class DecoupledGuidance(AbstractGuidance):
         moving: Bool[Array, " agents"] | None = None,
     ) -> tuple[Float[Array, "agents dim"], GuidanceReport]:
         rows = self.rows(state, tau, z, drift, condition, moving)
+        self._check_metric_fits(len(z), rows.ell.shape[-1])
         u, feasible = jax.vmap(self.solve, in_axes=(1, 1, self._metric_axis))(
             rows.ell, rows.b, self.metric
         )
+        u = u.astype(z.dtype)
         effort = jnp.linalg.norm(u, axis=-1)
         active = _active(rows, u, effort)
         length = jnp.where(rows.b > 0, jnp.sqrt(jnp.sum(rows.ell**2, axis=-1)), jnp.inf)
         report = GuidanceReport(
-            rows.value, rows.bound, rows.limit, rows.able, ~feasible, effort,
-            length, active, least_sine(rows.ell, active),
+            value=rows.value, bound=rows.bound, limit=rows.limit, able=rows.able,
+            infeasible=~feasible, effort=effort, length=length, active=active,
+            sine=least_sine(rows.ell, active),
+            slope=rows.rate + jnp.sum(rows.ell * u[None], axis=(1, 2)),
+            contribution=rows.contribution, drift_nan=not_finite(drift),
+            value_nan=rows.value_nan, gradient_nan=rows.gradient_nan,
+            input_nan=jnp.any(jnp.isnan(u), axis=-1),
         )  # fmt: skip
         if self.control is None:
             return u, report
-        return jnp.einsum("adm,am->ad", self.control(tau, z, condition), u), report
+        return jnp.einsum("adm,am->ad", self._control(tau, z, condition), u), report
+
+    def _check_metric_fits(self, agents: int, inputs: int) -> None:
+        if self.metric is None:
+            return
+        allowed = (inputs, inputs), (agents, inputs, inputs)
+        if self.metric.shape not in allowed:
+            raise ValueError(
+                f"`metric` must have shape {allowed[0]}, or {allowed[1]} with one matrix per agent; got {self.metric.shape}."
+            )
 
     @property
     def _metric_axis(self) -> int | None:
@@ -214,6 +327,7 @@ class DecoupledGuidance(AbstractGuidance):
         metric: Float[Array, "inputs inputs"] | None,
     ) -> MinNormInput:
         """The input of one agent from its own rows and its own metric."""
+        metric = None if metric is None else metric.astype(ell.dtype)
         return min_norm_input(ell, b, metric, box=self.box, norm=self.norm)
 
     def metric_of(self, agent: Int[Array, ""]) -> Float[Array, "inputs inputs"] | None:
@@ -222,7 +336,7 @@ class DecoupledGuidance(AbstractGuidance):
             self.metric if self.metric is None or self._metric_axis is None else self.metric[agent]
         )
 
-    def landed(
+    def on_forced_step(
         self,
         state: tuple[Any, ...],
         tau: Float[Array, ""],
@@ -230,9 +344,30 @@ class DecoupledGuidance(AbstractGuidance):
         above: Bool[Array, " rows"],
     ) -> tuple[Any, ...]:
         return tuple(
-            requirement.landed(own, tau, value[part], above[part])
+            requirement.on_forced_step(own, tau, value[part], above[part])
             for requirement, own, part in zip(self.requirements, state, self._parts(), strict=True)
         )
+
+
+def check_requirements(requirements: tuple[AbstractRequirement, ...]) -> None:
+    """Raises `TypeError` or `ValueError` unless they are a tuple of requirements, each row with a name of its own."""
+    if isinstance(requirements, AbstractRequirement):
+        raise TypeError(
+            "`requirements` must be a tuple; got one requirement: write `(requirement,)`."
+        )
+    if not isinstance(requirements, tuple) or not all(
+        isinstance(each, AbstractRequirement) for each in requirements
+    ):
+        raise TypeError(f"`requirements` must be a tuple of requirements; got {requirements!r}.")
+    if not requirements:
+        raise ValueError("`requirements` are none; the nominal generation has `NoGuidance()`.")
+    names = [name for requirement in requirements for name in requirement.names]
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(
+                f"`requirements` must have names of their own, by which certificates tell them apart; got {name!r} "
+                f"{names.count(name)} times: pass `name=`."
+            )
 
 
 def _active(
@@ -254,7 +389,7 @@ def least_sine(
     """
     square = jnp.sum(ell**2, axis=-1, keepdims=True)
     unit = ell / jnp.sqrt(jnp.where(square > 0, square, 1.0))
-    least = jnp.ones(ell.shape[1])
+    least = jnp.ones(ell.shape[1], ell.dtype)
     for k in range(1, len(ell)):
         # For an angle of pi - s, |along| = 2 sin(s / 2): digits that 1 - cos^2 would have lost.
         along, across = unit[:k] + unit[k : k + 1], unit[:k] - unit[k : k + 1]

@@ -1,119 +1,132 @@
 """Private requirements (PE guidance): each agent owns a violation that its neighbours also affect."""
 
-from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+import math
+from typing import Any, NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .allocation import AbstractAllocation, Pooled
+from .margins import AbstractMargins, FunctionMargins, Margins
 from .requirement import AbstractRequirement, Demand, input_gradient
 from .schedule import AbstractSchedule, LinearSchedule
 
 MIN_REMAINING = 0.01  # floor of the remaining integral of omega, where re-anchoring divides by it
 MIN_VIOLATION = 1e-30  # floor of V(0) in c (paper, Task 2)
 
-Margins = Callable[[Float[Array, "agents dim"], Any], Float[Array, "agents requirements"]]
-Violation = Callable[[Float[Array, "agents dim"], Any], Float[Array, " agents"]]
-
-
-def hinge_violation(margins: Margins, buffer: float) -> Violation:
-    """V_i = sum_k max(buffer - h_ik, 0)^2 / 2 from margins h_ik (`>= 0`: satisfied).
-
-    `V <= buffer^2 / 2` implies every h_ik >= 0, so the buffer pays for discretisation.
-
-    Source: paper, Task 2.
-    """
-
-    def violation(z: Float[Array, "agents dim"], condition: Any) -> Float[Array, " agents"]:
-        return jnp.sum(jnp.maximum(buffer - margins(z, condition), 0.0) ** 2, axis=-1) / 2
-
-    return violation
-
-
-@runtime_checkable
-class Differentiated(Protocol):
-    """A violation that has a quicker way to its gradient than automatic differentiation."""
-
-    def and_gradient(
-        self, z: Float[Array, "agents dim"], condition: Any
-    ) -> tuple[Float[Array, " agents"], Float[Array, "agents dim"]]:
-        """V_i, and the gradient of their sum."""
-
-
-def _and_gradient(
-    violation: Violation, z: Float[Array, "agents dim"], condition: Any
-) -> tuple[Float[Array, " agents"], Float[Array, "agents dim"]]:
-    if isinstance(violation, Differentiated):
-        return violation.and_gradient(z, condition)
-
-    def total(
-        z: Float[Array, "agents dim"],
-    ) -> tuple[Float[Array, ""], Float[Array, " agents"]]:
-        parts = violation(z, condition)
-        return jnp.sum(parts), parts
-
-    gradient, parts = jax.grad(total, has_aux=True)(z)
-    return parts, gradient
-
 
 class PrivateState(NamedTuple):
-    """Where the bound on V starts from."""
+    """Where the bound on V starts from, and for whom."""
 
     start: Float[Array, ""]  # V(0)
     anchor: Float[Array, ""]  # V at `since`
     since: Float[Array, ""]  # 0, or when a step last landed above its limit
+    mask: Bool[Array, " agents"] | None
 
 
 class PrivateRequirement(AbstractRequirement):
-    """Drives V = sum_i V_i to zero by tau = 1 (paper, thm:private_finite_time).
+    """Margins that each agent must have at the end, h_jk >= 0; guidance drives V = sum_j V_j to zero by tau = 1.
+
+    V_j = sum_k max(buffer - h_jk, 0)^2 / 2 vanishes where every margin is at least the buffer, and V at most
+    `floor = buffer^2 / 2` already implies every h_jk >= 0: the buffer pays for discrete steps. The verdict on a finished
+    sample is of the margins themselves, in float64.
 
     Each owner calls for a decrease of c omega V_j^rho, shared out by `allocation`. The paper fixes c from
     V(0). With `reanchored`, c is taken afresh from the present,
     c(tau) = kappa V^(1 - rho) / ((1 - rho) int_tau^1 omega), so that after any disturbance
     V(tau) <= V(s) (int_tau^1 omega / int_s^1 omega)^(kappa / (1 - rho)): convergence in prescribed time.
-    With `separate`, each owner takes its c_j from its own V_j: the demands, linear in V_j then, add up to that of V
-    exactly, and nobody has to know the team's V. (With one c for all, sum_j V_j^rho >= V^rho: the demand grows with
+    With `per_owner_gain`, each owner takes its c_j from its own V_j: the demands, linear in V_j then, add up to that of
+    V exactly, and nobody has to know the team's V. (With one c for all, sum_j V_j^rho >= V^rho: the demand grows with
     the team, up to n^(1 - rho) times, and so do the steps' errors.)
-    `floor` is a value of V at which every requirement holds already, buffer^2 / 2 for `hinge_violation`; no
-    step is refused for a V below it.
+
+    Attributes:
+        margins: h(z, condition) of shape (agents, margins), or an object that sums them faster.
+        buffer: What guidance aims at above h = 0, in the unit of the margins.
+        allocation: `Pooled()`, `Local()` or `Own()`.
+        reanchored: Take c afresh from the present violation instead of V(0).
+        per_owner_gain: Each owner's c from its own violation.
+        rho: In (0, 1).
+        kappa: At least 1; what it is above pays for discrete steps.
+        omega: When violations are brought down.
+        name: What reports call it.
+        margin_labels: Names of the margins, one per column, for the reasons in certificates.
+
+    Example:
+        >>> apart = PrivateRequirement(lambda z, condition: distances(z) - 0.5, buffer=0.02, name="apart")
+        >>> round(apart.floor, 6)
+        0.0002
+
+    Source: paper, thm:private_finite_time.
     """
 
-    violation: Violation
+    margins: Margins | AbstractMargins
+    buffer: float = eqx.field(static=True)
     allocation: AbstractAllocation = Pooled()
     reanchored: bool = eqx.field(static=True, default=True)
-    separate: bool = eqx.field(static=True, default=False)
+    per_owner_gain: bool = eqx.field(static=True, default=False)
     rho: float = eqx.field(static=True, default=0.75)
     kappa: float = eqx.field(static=True, default=1.15)
     omega: AbstractSchedule = LinearSchedule()
-    floor: float = eqx.field(static=True, default=0.0)
     name: str = eqx.field(static=True, default="private")
+    margin_labels: tuple[str, ...] | None = eqx.field(static=True, default=None)
 
     def __check_init__(self) -> None:
+        if not callable(self.margins):
+            raise TypeError(
+                f"`margins` must be a function (z, condition) -> (agents, margins); got {self.margins!r}."
+            )
+        if not (isinstance(self.buffer, float | int) and 0 <= self.buffer < math.inf):
+            raise ValueError(
+                "`buffer` must be a nonnegative finite number in the unit of the margins, as guidance aims at h >= buffer; "
+                f"got {self.buffer}."
+            )
         if not 0 < self.rho < 1:
             raise ValueError(
                 f"`rho` must be in (0, 1) (finite-horizon theorem for PE guidance); got {self.rho}."
             )
-        if not self.kappa >= 1:
+        if not 1 <= self.kappa < math.inf:
             raise ValueError(
-                "`kappa` must be at least 1, else c is too small for V to reach zero by tau = 1 "
+                "`kappa` must be at least 1 and finite, else c is too small for V to reach zero by tau = 1 "
                 f"(finite-horizon theorem for PE guidance); got {self.kappa}."
             )
-        if self.separate and not self.reanchored:
+        if self.per_owner_gain and not self.reanchored:
             raise ValueError(
-                "`separate` needs `reanchored`: a V_j that is zero at first may grow, and its c_j with it."
+                "`per_owner_gain` needs `reanchored`: a V_j that is zero at first may grow, and its c_j with it."
             )
+
+    @property
+    def floor(self) -> float:
+        """buffer^2 / 2, a value of V at which every margin is nonnegative; no step is refused for a V below it."""
+        return self.buffer**2 / 2
 
     @property
     def names(self) -> tuple[str, ...]:
         return (self.name,)
 
-    def init(self, z0: Float[Array, "agents dim"], condition: Any) -> PrivateState:
+    def _judged(self, mask: Bool[Array, " agents"] | None) -> AbstractMargins:
+        if isinstance(self.margins, AbstractMargins):
+            return self.margins
+        return FunctionMargins(self.margins, self.name, mask)
+
+    def init(
+        self,
+        z0: Float[Array, "agents dim"],
+        condition: Any,
+        mask: Bool[Array, " agents"] | None = None,
+    ) -> PrivateState:
         """V(0), from which c and the bound start."""
-        total = jnp.sum(self.violation(z0, condition))
-        return PrivateState(total, total, jnp.zeros_like(total))
+        total = self.violation(z0, condition, mask).astype(z0.dtype)
+        return PrivateState(total, total, jnp.zeros_like(total), mask)
+
+    def violation(
+        self,
+        z: Float[Array, "agents dim"],
+        condition: Any,
+        mask: Bool[Array, " agents"] | None = None,
+    ) -> Float[Array, ""]:
+        """V = sum_j V_j, in the squared unit of the margins."""
+        return jnp.sum(self._judged(mask).violation(z, condition, self.buffer))
 
     def _gain(
         self, total: Float[Array, "*agents"], remaining: Float[Array, ""]
@@ -128,16 +141,37 @@ class PrivateRequirement(AbstractRequirement):
         self, state: PrivateState, tau: Float[Array, ""], kappa: float
     ) -> Float[Array, ""]:
         whole, rest = self.omega.remaining(state.since), self.omega.remaining(tau)
-        left = rest / jnp.maximum(whole, MIN_REMAINING)
+        left = jnp.where(whole > 0, rest / jnp.where(whole > 0, whole, 1.0), 0.0)
         if self.reanchored:
             return state.anchor * left ** (kappa / (1 - self.rho))
         # Of V(0)^(1 - rho), linear in the integral of omega.
         return state.anchor * jnp.maximum(1 - kappa * (1 - left), 0.0) ** (1 / (1 - self.rho))
 
     def values(
-        self, tau: Float[Array, ""], z: Float[Array, "agents dim"], condition: Any
+        self,
+        tau: Float[Array, ""],
+        z: Float[Array, "agents dim"],
+        condition: Any,
+        mask: Bool[Array, " agents"] | None = None,
     ) -> Float[Array, " rows"]:
-        return jnp.sum(self.violation(z, condition))[None]
+        return self.violation(z, condition, mask)[None]
+
+    def margins_at_end(
+        self,
+        z: Float[Array, "agents dim"],
+        condition: Any,
+        mask: Bool[Array, " agents"] | None = None,
+    ) -> tuple[Float[Array, "..."], ...]:
+        margins = self._judged(mask)(z, condition)
+        if margins.dtype != z.dtype:
+            raise TypeError(
+                f"`margins` of {self.name!r} are {margins.dtype} for states of {z.dtype}: the verdict is made in float64, "
+                "so the function must not round its result to another type."
+            )
+        return (margins,)
+
+    def margin_names(self, row: int) -> tuple[str, ...] | None:
+        return self.margin_labels
 
     def demand(
         self,
@@ -149,33 +183,48 @@ class PrivateRequirement(AbstractRequirement):
         condition: Any,
         moving: Bool[Array, " agents"] | None = None,
     ) -> Demand:
-        parts, gradient = _and_gradient(self.violation, z, condition)
+        margins = self._judged(state.mask)
+        parts, gradient = margins.violation_and_gradient(z, condition, self.buffer)
+        parts = parts.astype(z.dtype)
         total = jnp.sum(parts)
         if self.reanchored:
-            whole = parts if self.separate else total
+            whole = parts if self.per_owner_gain else total
             gain = self._gain(whole, jnp.maximum(self.omega.remaining(tau), MIN_REMAINING))
         else:
             start = jnp.maximum(state.start, MIN_VIOLATION)
             gain = self._gain(start, self.omega.remaining(jnp.zeros_like(tau)))
-        owed = gain * self.omega(tau) * parts**self.rho
+        required = gain * self.omega(tau) * parts**self.rho
         ell = input_gradient(control, gradient, moving)
-        rate = jnp.sum(gradient * drift, axis=-1)
         # kappa = 1 just reaches zero at tau = 1: what kappa gives beyond that may be spent on discretisation.
         limit = jnp.maximum(self._decayed(state, tau, 1.0), self.floor)
-        bound = self.bound(state, tau)
-        return Demand(ell[None], rate[None], total[None], bound[None], limit[None], owed)
+        return Demand(
+            ell=ell[None],
+            rate=jnp.sum(gradient * drift, axis=-1)[None],
+            explicit_rate=jnp.zeros_like(total)[None],
+            value=total[None],
+            bound=self.bound(state, tau)[None],
+            limit=limit[None],
+            contribution=parts[None],
+            value_nan=jnp.isnan(parts)[None],
+            required_decrease=(required, state.mask),
+        )
 
     def shares(
         self,
         demand: Demand,
-        reach: Float[Array, "rows agents"],
+        effective_norm_sq: Float[Array, "rows agents"],
         z: Float[Array, "agents dim"],
         condition: Any,
         moving: Bool[Array, " agents"] | None = None,
     ) -> Float[Array, "rows agents"]:
-        return self.allocation(demand.owed, reach[0], z, condition)[None]
+        required, mask = demand.required_decrease
+        return self.allocation(
+            required,
+            effective_norm_sq[0],
+            lambda: self._judged(mask).dependence(z, condition, self.buffer),
+        )[None]
 
-    def landed(
+    def on_forced_step(
         self,
         state: PrivateState,
         tau: Float[Array, ""],
@@ -184,8 +233,7 @@ class PrivateRequirement(AbstractRequirement):
     ) -> PrivateState:
         if not self.reanchored:
             return state
-        return PrivateState(
-            state.start,
-            jnp.where(above[0], value[0], state.anchor),
-            jnp.where(above[0], tau, state.since),
+        return state._replace(
+            anchor=jnp.where(above[0], value[0], state.anchor),
+            since=jnp.where(above[0], tau, state.since),
         )

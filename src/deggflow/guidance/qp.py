@@ -2,21 +2,33 @@
 
 In the metric's own coordinates the QP is the projection of the origin onto a polyhedron. Up to two rows are
 solved in closed form; more row by row where there are few inputs, else by a dual active-set method. Each ends after
-finitely many steps with the exact solution or with the proof that there is none.
+finitely many steps with the exact solution or with the proof that there is none. What rounding left is solved for
+once more, and in the end every row is looked at again, at its own scale.
 """
 
-from typing import NamedTuple
+from functools import reduce
+from numbers import Real
+from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.scipy.linalg import solve_triangular
 from jaxtyping import Array, Bool, Float
 
-from .active_set import project_origin, resolution
+from .active_set import crossing, project_origin
 from .row_by_row import MAX_INPUTS, MAX_ROWS, project_row_by_row
+
+ROUNDING = 8  # times the precision and the size of what is added up: what a sum of a few products may be off
+PASSES = 8  # each brings rows down that are 1 / precision smaller than those before
+FEW = 4
+ASYMMETRY = (
+    1e-5  # relative; the metric is made symmetric, so that what rounding left there does no harm
+)
 
 
 class MinNormInput(NamedTuple):
-    """Result of `min_norm_input`; where infeasible, `u` meets what rows it can."""
+    """Result of `min_norm_input`; where infeasible, `u` is finite and meets what rows it can."""
 
     u: Float[Array, " inputs"]
     feasible: Bool[Array, ""]
@@ -32,7 +44,11 @@ def min_norm_input(
 ) -> MinNormInput:
     """Minimises `u @ metric @ u` subject to `ell @ u + b <= 0`, exactly.
 
-    A row that no input can change (`ell = 0`) with `b > 0` is infeasible, and left out of `u`.
+    Rows may be of any scale: nothing depends on the unit of a requirement or of the input. "Feasible" says that
+    `u` meets every row up to 16 times the precision of `|ell| |u| + |b|`, each row by its own `ell` and `b`.
+
+    A row that no input can change (`ell = 0`) with `b > 0` is infeasible, and left out of `u`. So is a row that is
+    not a number, and one that asks for an input too large to be represented. `b = -inf` asks for nothing.
 
     Args:
         ell: One row per requirement, requirement units per input unit.
@@ -43,47 +59,283 @@ def min_norm_input(
             scaled down to the limit and reported as infeasible.
 
     Returns:
-        The input, and whether all rows and limits can be met.
+        The input, and whether all rows and limits are met.
 
     Raises:
-        ValueError: A limit is not positive.
+        TypeError: An argument is not of floating-point numbers.
+        ValueError: A shape does not fit, a limit is not positive, or a metric is not symmetric positive definite.
 
     Source: paper, eqn:SE_local_QP and eqn:PE_local_qp_general; row by row after Seidel (1991), dual active set
     after Goldfarb and Idnani (1983).
     """
+    _check_rows(ell, b, metric)
     check_limits(box, norm)
-    inputs = ell.shape[1]
+    with jax.default_matmul_precision("highest"):
+        return _min_norm_input(ell, b, metric, box, norm)
+
+
+def _min_norm_input(
+    ell: Float[Array, "rows inputs"],
+    b: Float[Array, " rows"],
+    metric: Float[Array, "inputs inputs"] | None,
+    box: float | None,
+    norm: float | None,
+) -> MinNormInput:
+    count, inputs = ell.shape
+    if count == 0:
+        return MinNormInput(jnp.zeros(inputs, ell.dtype), jnp.asarray(True))
+    rows, offset, well = _unit_rows(ell, b)
+    if metric is None and box is None and count <= 2:
+        u, found = _project(rows, offset)
+        if norm is None:
+            return MinNormInput(u, well & found)
     if box is not None:
         eye = jnp.eye(inputs, dtype=ell.dtype)
-        ell = jnp.concatenate([ell, eye, -eye])
-        b = jnp.concatenate([b, jnp.full(2 * inputs, -box, b.dtype)])
-    if ell.shape[0] == 0:
-        return MinNormInput(jnp.zeros(inputs, ell.dtype), jnp.asarray(True))
-    root = None if metric is None else jnp.linalg.cholesky(metric)
-    # H = L L^T and v = L^T u: in v the metric is the identity, and a row reads (L^-1 ell) . v + b <= 0.
-    rows = ell if root is None else solve_triangular(root, ell.T, lower=True).T
-    square = jnp.sum(rows**2, axis=-1)
-    live = square > jnp.finfo(ell.dtype).tiny
-    length = jnp.sqrt(jnp.where(live, square, 1.0))
-    unit = jnp.where(live, 1.0 / length, 0.0)[:, None] * rows
-    distance = jnp.where(live, b / length, 0.0)
-    v, found = _project(unit, distance)
-    feasible = found & jnp.all(live | (b <= 0))
-    u = v if root is None else solve_triangular(root, v, lower=True, trans="T")
-    if box is not None:
-        u = jnp.clip(u, -box, box)
+        rows = jnp.concatenate([rows, eye, -eye])
+        offset = jnp.concatenate([offset, jnp.full(2 * inputs, -box, ell.dtype)])
+    problem = _in_metric(rows, offset, metric)
+    u, found = _solved(problem, None if box is None else box / problem.size)
     if norm is not None:
-        size = jnp.sqrt(jnp.sum((u if root is None else u @ root) ** 2))
-        feasible &= size <= norm
-        u = u * jnp.minimum(1.0, norm / jnp.maximum(size, norm))
-    return MinNormInput(u, feasible)
+        size = jnp.sqrt(_square(u if problem.root is None else u @ problem.root))
+        most = norm / problem.size
+        found &= size <= most * (1 + ROUNDING * float(jnp.finfo(ell.dtype).eps))
+        u = u * jnp.minimum(1.0, most / jnp.maximum(size, most))
+    found &= _met(problem, u, count)
+    u = u * problem.size
+    finite = jnp.all(jnp.isfinite(u))
+    return MinNormInput(jnp.where(finite, u, 0.0), well & found & finite)
 
 
 def check_limits(box: float | None, norm: float | None) -> None:
-    """Raises `ValueError` for a limit that is not positive."""
+    """Raises `TypeError` or `ValueError` for a limit that is not a positive number."""
     for name, limit in (("box", box), ("norm", norm)):
-        if limit is not None and not limit > 0:
+        if limit is None:
+            continue
+        if isinstance(limit, bool) or not isinstance(limit, Real):
+            raise TypeError(f"`{name}` must be a number, or None for no limit; got {limit!r}.")
+        if not limit > 0:
             raise ValueError(f"`{name}` must be positive, as it limits a size; got {limit}.")
+
+
+def _check_rows(ell: Any, b: Any, metric: Any) -> None:
+    """Raises `TypeError` or `ValueError` unless shapes fit each other."""
+    for name, given, shape in (("ell", ell, "(rows, inputs)"), ("b", b, "(rows,)")):
+        kind = getattr(given, "dtype", None)
+        if kind is None or not jnp.issubdtype(kind, jnp.floating):
+            got = type(given).__name__ if kind is None else f"one of {kind}"
+            raise TypeError(
+                f"`{name}` must be an array of floating-point numbers, of shape {shape}; got {got}."
+            )
+    if ell.ndim != 2:
+        raise ValueError(
+            f"`ell` must have shape (rows, inputs), one row per requirement; got {ell.shape}."
+        )
+    if b.shape != ell.shape[:1]:
+        raise ValueError(
+            f"`b` must have shape {ell.shape[:1]}, one number per row of `ell`; got {b.shape}."
+        )
+    check_metric(metric, ell.shape[1])
+    if metric is not None and metric.ndim != 2:
+        raise ValueError(
+            f"`metric` must be the one matrix of this agent, of shape {(ell.shape[1],) * 2}; got {metric.shape}."
+        )
+
+
+def check_metric(metric: Any, inputs: int | None = None) -> None:
+    """Raises `TypeError` or `ValueError` unless a metric is symmetric and positive definite.
+
+    Args:
+        metric: One matrix for all agents, one for each of them, or None. Values that are not known yet (inside a
+            compiled program) are not looked at.
+        inputs: How many rows each matrix must have; any number if None.
+    """
+    if metric is None:
+        return
+    shape, kind = getattr(metric, "shape", None), getattr(metric, "dtype", None)
+    if shape is None or kind is None:
+        raise TypeError(
+            "`metric` must be an array, a symmetric positive definite matrix for all agents or one per agent; "
+            f"got {type(metric).__name__}."
+        )
+    size = "inputs" if inputs is None else inputs
+    square = len(shape) in (2, 3) and shape[-1] == shape[-2] and shape[-1] > 0
+    if not square or (inputs is not None and shape[-1] != inputs):
+        raise ValueError(
+            f"`metric` must have shape ({size}, {size}), or (agents, {size}, {size}) with one matrix per agent; "
+            f"got {tuple(shape)}."
+        )
+    if not jnp.issubdtype(kind, jnp.floating):
+        raise TypeError(f"`metric` must hold floating-point numbers; got {kind}.")
+    if isinstance(metric, jax.core.Tracer):
+        return
+    precision = float(jnp.finfo(jax.dtypes.canonicalize_dtype(kind)).eps)
+    values = np.asarray(metric, np.float64)
+    for agent, matrix in enumerate(values.reshape(-1, *shape[-2:])):
+        whose = "`metric`" if len(shape) == 2 else f"`metric` of agent {agent}"
+        if not np.isfinite(matrix).all():
+            raise ValueError(f"{whose} must be finite; got {matrix.tolist()}.")
+        diagonal = np.diagonal(matrix)
+        if not (diagonal > 0).all():
+            raise ValueError(
+                f"{whose} must be positive definite; got {diagonal.min():g} on its diagonal."
+            )
+        # Inputs may have different units: each is measured by its own entry on the diagonal.
+        unit = np.sqrt(diagonal)
+        scaled = matrix / unit / unit[:, None]
+        apart = np.abs(scaled - scaled.T)
+        if apart.max() > ASYMMETRY:
+            j, k = np.unravel_index(apart.argmax(), apart.shape)
+            raise ValueError(
+                f"{whose} must be symmetric; got {matrix[j, k]:g} at ({j}, {k}) and {matrix[k, j]:g} at ({k}, {j})."
+            )
+        if not np.linalg.eigvalsh(scaled + scaled.T)[0] / 2 > len(matrix) * precision:
+            least = np.linalg.eigvalsh(matrix + matrix.T)[0] / 2
+            raise ValueError(
+                f"{whose} must be positive definite; got a matrix whose least eigenvalue is {least:g}."
+            )
+
+
+def _unit_rows(
+    ell: Float[Array, "rows inputs"], b: Float[Array, " rows"]
+) -> tuple[Float[Array, "rows inputs"], Float[Array, " rows"], Bool[Array, ""]]:
+    """Rows of length one and their distances from the origin; zeros for those that no input meets or that ask nothing.
+
+    And whether there is none that no input meets. Entries are divided by the largest of their row before they are squared,
+    so that squares neither over- nor underflow.
+    """
+    number = jnp.finfo(ell.dtype)
+    tiny = float(number.tiny)
+    # The result does not depend on it, so it has no gradient either.
+    top = jax.lax.stop_gradient(_largest(ell))
+    live = (top >= tiny) & (top <= 0.01 / tiny)  # not so for nan
+    scale = 1 / jnp.where(live, top, 1.0)
+    near_one = jnp.where(live[:, None], ell, 0.0) * scale[:, None]
+    inverse = 1 / jnp.sqrt(jnp.where(live, _square(near_one), 1.0))
+    asks = b * (scale * inverse) < jnp.inf
+    distance = jnp.where(live & asks, b, 0.0) * (scale * inverse)
+    # What is asked for must not get lost where numbers end.
+    least = tiny / float(number.eps)
+    distance = jnp.where(live & asks & (b > 0), jnp.maximum(distance, least), distance)
+    unit = near_one * jnp.where(asks, inverse, 0.0)[:, None]
+    return unit, distance, _all((live & asks) | ((top < tiny) & (b <= 0)))
+
+
+class _Problem(NamedTuple):
+    """A QP in which distances are of the size of one, and its rows in two systems of coordinates."""
+
+    rows: Float[Array, "rows inputs"]  # of length one in u
+    offset: Float[Array, " rows"]
+    unit: Float[
+        Array, "rows inputs"
+    ]  # of length one in v = L^T u, where the metric is the identity
+    length: Float[Array, " rows"]  # of `rows` there
+    root: Float[Array, "inputs inputs"] | None  # L, with H = L L^T
+    size: Float[Array, ""]  # of the distances: the unit of u and v
+
+    def back(self, v: Float[Array, " inputs"]) -> Float[Array, " inputs"]:
+        """The input u = L^-T v."""
+        return v if self.root is None else solve_triangular(self.root, v, lower=True, trans="T")
+
+    def project(
+        self, lack: Float[Array, " rows"]
+    ) -> tuple[Float[Array, " inputs"], Bool[Array, ""]]:
+        """The smallest input that brings rows down by as much as they lack; whether there is one."""
+        distance = lack / self.length
+        most = jnp.max(distance)
+        size = jnp.where(most > 0, most, 1.0)
+        v, found = _project(self.unit, _near(distance / size))
+        return self.back(v) * size, found
+
+
+def _near(distance: Float[Array, " rows"]) -> Float[Array, " rows"]:
+    """Rows so far away (-inf, too) that numbers do not tell the origin from the point that is looked for."""
+    return jnp.maximum(distance, -0.1 / float(jnp.finfo(distance.dtype).eps) ** 2)
+
+
+def _in_metric(
+    rows: Float[Array, "rows inputs"],
+    offset: Float[Array, " rows"],
+    metric: Float[Array, "inputs inputs"] | None,
+) -> _Problem:
+    """In v the metric is the identity, and a row reads (L^-1 ell) . v + b <= 0."""
+    root = None if metric is None else jnp.linalg.cholesky(metric)
+    seen = rows if root is None else solve_triangular(root, rows.T, lower=True).T
+    square = jnp.sum(seen**2, axis=-1)
+    length = jnp.sqrt(jnp.where(square > 0, square, 1.0))
+    most = jnp.max(offset / length)
+    size = jnp.where(most > 0, most, 1.0)
+    offset = length * _near(offset / (length * size))
+    return _Problem(rows, offset, seen / length[:, None], length, root, size)
+
+
+def _solved(
+    problem: _Problem, box: Float[Array, ""] | None
+) -> tuple[Float[Array, " inputs"], Bool[Array, ""]]:
+    """The input in the problem's own unit, and whether no contradiction was found.
+
+    A solution is exact up to the precision of its own size, which is much beside a small row. So once more, from
+    where it led: the smallest step that makes good what rows lack there.
+    """
+    u, found = problem.project(problem.offset)
+    u = _within(u, box)
+    if problem.rows.shape[0] <= 2:
+        step, _ = problem.project(_lack(problem, u)[0])
+        return jnp.where(found, _within(u + step, box), u), found
+
+    def short(state: tuple[Array, ...]) -> Bool[Array, ""]:
+        _, found, lack, rounding, passes = state
+        return found & jnp.any(lack > 2 * rounding) & (passes < PASSES)
+
+    def once_more(state: tuple[Array, ...]) -> tuple[Array, ...]:
+        u, _, lack, rounding, passes = state
+        step, found = problem.project(lack - rounding)
+        u = _within(u + step, box)
+        return u, found, *_lack(problem, u), passes + 1
+
+    start = u, found, *_lack(problem, u), jnp.asarray(0)
+    u, found, *_ = jax.lax.while_loop(short, once_more, start)
+    return u, found
+
+
+def _lack(
+    problem: _Problem, u: Float[Array, " inputs"]
+) -> tuple[Float[Array, " rows"], Float[Array, " rows"]]:
+    """By how much each row is not met (negative: to spare), and what rounding there may come to."""
+    lack = problem.rows @ u + problem.offset
+    size = jnp.abs(problem.rows) @ jnp.abs(u) + jnp.abs(problem.offset)
+    return lack, ROUNDING * float(jnp.finfo(u.dtype).eps) * size
+
+
+def _met(problem: _Problem, u: Float[Array, " inputs"], count: int) -> Bool[Array, ""]:
+    """Whether the first rows are met, each at its own scale."""
+    lack = problem.rows[:count] @ u + problem.offset[:count]
+    size = jnp.sqrt(jnp.sum(u**2)) + jnp.abs(problem.offset[:count])
+    return jnp.all(lack <= 2 * ROUNDING * float(jnp.finfo(u.dtype).eps) * size)
+
+
+def _all(each: Bool[Array, " rows"]) -> Bool[Array, ""]:
+    return reduce(jnp.logical_and, each) if len(each) <= FEW else jnp.all(each)
+
+
+def _dot(a: Float[Array, " inputs"], b: Float[Array, " inputs"]) -> Float[Array, ""]:
+    return a @ b if len(a) > FEW else reduce(jnp.add, [a[k] * b[k] for k in range(len(a))])
+
+
+def _square(a: Float[Array, "*rows inputs"]) -> Float[Array, "*rows"]:
+    """Few entries one by one: a loop over them costs more than they do."""
+    if a.shape[-1] > FEW:
+        return jnp.sum(a**2, axis=-1)
+    return reduce(jnp.add, [a[..., k] ** 2 for k in range(a.shape[-1])])
+
+
+def _largest(a: Float[Array, "rows inputs"]) -> Float[Array, " rows"]:
+    if a.shape[-1] > FEW:
+        return jnp.max(jnp.abs(a), axis=-1)
+    return reduce(jnp.maximum, [jnp.abs(a[..., k]) for k in range(a.shape[-1])])
+
+
+def _within(u: Float[Array, " inputs"], box: Float[Array, ""] | None) -> Float[Array, " inputs"]:
+    return u if box is None else jnp.clip(u, -box, box)
 
 
 def _project(
@@ -96,7 +348,7 @@ def _project(
         return _project_two(unit, distance)
     if unit.shape[0] <= MAX_ROWS and unit.shape[1] <= MAX_INPUTS:
         return project_row_by_row(unit, distance)
-    return project_origin(unit, distance, resolution(unit.dtype))
+    return project_origin(unit, distance, crossing(unit.dtype))
 
 
 def _project_two(
@@ -104,22 +356,27 @@ def _project_two(
 ) -> tuple[Float[Array, " inputs"], Bool[Array, ""]]:
     """Active sets {}, {0}, {1}, {0, 1} in turn."""
     first, second = distance[0], distance[1]
-    overlap = unit[0] @ unit[1]
+    overlap = _dot(unit[0], unit[1])
     one = jnp.maximum(distance, 0.0)
-    rounding = 8 * jnp.finfo(unit.dtype).eps * (jnp.abs(first) + jnp.abs(second))
-    only_first = second - overlap * one[0] <= rounding  # row 0 alone (or none) also meets row 1
-    only_second = first - overlap * one[1] <= rounding
+    helps = overlap * one  # what meeting the one row alone does for the other
+    precision = float(jnp.finfo(unit.dtype).eps)
+    only_first = second - helps[0] <= ROUNDING * precision * (jnp.abs(second) + jnp.abs(helps[0]))
+    only_second = first - helps[1] <= ROUNDING * precision * (jnp.abs(first) + jnp.abs(helps[1]))
     # The part of row 1 across row 0, twice: 1 - overlap^2 would have no digits left for nearly parallel rows.
     across = unit[1] - overlap * unit[0]
-    across = across - (across @ unit[0]) * unit[0]
-    square = jnp.sum(across**2)
-    crossing = square > resolution(unit.dtype) ** 2
-    sine = jnp.sqrt(jnp.where(crossing, square, 1.0))
-    both = -first * unit[0] - ((second - overlap * first) / sine) * (across / sine)
+    across = across - _dot(across, unit[0]) * unit[0]
+    square = _square(across)
+    cross = square > crossing(unit.dtype) ** 2
+    sine = jnp.sqrt(jnp.where(cross, square, 1.0))
+    # A little further than the plane of row 1, so that rounding beside a large row 0 leaves it met.
+    beyond = second - overlap * first + 2 * precision * (jnp.abs(second) + jnp.abs(overlap * first))
+    both = -first * unit[0] - (beyond / sine) * (across / sine)
     # Opposed rows that cross nowhere: half of each, and said to be infeasible.
-    neither = -(one[0] * unit[0] + one[1] * unit[1]) / 2
+    neither = -0.5 * (one[0] * unit[0] + one[1] * unit[1])
     # Where either would do, rows agree up to rounding: the larger one is needed, and the smaller one idle.
     use_first = only_first & (~only_second | (one[0] >= one[1]))
     alone = -jnp.where(use_first, one[0] * unit[0], one[1] * unit[1])
-    v = jnp.where(only_first | only_second, alone, jnp.where(crossing, both, neither))
-    return v, only_first | only_second | crossing
+    # Numbers may end before the planes meet.
+    cross &= jnp.abs(first) + jnp.abs(beyond / sine) < jnp.inf
+    v = jnp.where(only_first | only_second, alone, jnp.where(cross, both, neither))
+    return v, only_first | only_second | cross

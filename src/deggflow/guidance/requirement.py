@@ -1,7 +1,7 @@
-"""What a requirement is: half-spaces `ell @ u + b <= 0` for every agent it touches.
+"""What a requirement is: half-spaces `ell @ u + b <= 0` for every agent it touches, and a verdict at the end.
 
 A requirement says what it asks of the team, is told how much each agent can do about it beside the agent's other
-rows, and shares it out.
+rows, and shares it out. The same object judges the finished sample.
 """
 
 import abc
@@ -33,6 +33,10 @@ class Rows(NamedTuple):
         Array, " rows"
     ]  # what a discrete step may reach here and still lead to the end wanted
     able: Bool[Array, "rows agents"]  # whether the theorem's condition for a feasible row holds
+    rate: Float[Array, " rows"]  # d value / d tau under the nominal field alone
+    contribution: Float[Array, "rows agents"]  # how much of the value is whose; of any unit
+    value_nan: Bool[Array, "rows agents"]  # the requirement itself is not a number there
+    gradient_nan: Bool[Array, "rows agents"]  # its gradient is not
 
 
 class Demand(NamedTuple):
@@ -40,14 +44,21 @@ class Demand(NamedTuple):
 
     ell: Float[Array, "rows agents inputs"]
     rate: Float[Array, "rows agents"]  # grad_i . f_i: what the nominal field does to the value
+    explicit_rate: Float[Array, " rows"]  # what tau does to the value by itself
     value: Float[Array, " rows"]
     bound: Float[Array, " rows"]
     limit: Float[Array, " rows"]
-    owed: Any  # what is to be shared; the requirement's own affair
+    contribution: Float[Array, "rows agents"]  # how much of the value is whose; of any unit
+    value_nan: Bool[Array, "rows agents"]  # whose part of the requirement is not a number
+    required_decrease: Any  # what is to be shared; the requirement's own affair
 
 
 class AbstractRequirement(eqx.Module):
-    """Hard requirements that give each agent one row each, from states alone."""
+    """Hard requirements that give each agent one row each, from states alone, and judge the sample in the end.
+
+    Where a team is padded, `mask` is True for the agents that are present; None: all are. A requirement finds the
+    mask for its own functions in the condition, or wherever the user keeps it.
+    """
 
     @property
     @abc.abstractmethod
@@ -55,14 +66,34 @@ class AbstractRequirement(eqx.Module):
         """What reports call them, one name per row."""
 
     @abc.abstractmethod
-    def init(self, z0: Float[Array, "agents dim"], condition: Any) -> Any:
+    def init(
+        self, z0: Float[Array, "agents dim"], condition: Any, mask: Bool[Array, " agents"] | None
+    ) -> Any:
         """State for one sample; bounds may depend on z(0)."""
 
     @abc.abstractmethod
     def values(
-        self, tau: Float[Array, ""], z: Float[Array, "agents dim"], condition: Any
+        self,
+        tau: Float[Array, ""],
+        z: Float[Array, "agents dim"],
+        condition: Any,
+        mask: Bool[Array, " agents"] | None,
     ) -> Float[Array, " rows"]:
         """V or q of each row."""
+
+    @abc.abstractmethod
+    def margins_at_end(
+        self, z: Float[Array, "agents dim"], condition: Any, mask: Bool[Array, " agents"] | None
+    ) -> tuple[Float[Array, "..."], ...]:
+        """The verdict: margins of z(1), nonnegative where a requirement holds, one array for each row.
+
+        Shape (agents, margins) of a row that each agent has for itself, infinite where the agent is absent; shape ()
+        of a row of the team. Called in float64.
+        """
+
+    @abc.abstractmethod
+    def margin_names(self, row: int) -> tuple[str, ...] | None:
+        """Names of the margins of a row, if they have names."""
 
     @abc.abstractmethod
     def demand(
@@ -84,7 +115,7 @@ class AbstractRequirement(eqx.Module):
     def shares(
         self,
         demand: Demand,
-        reach: Float[Array, "rows agents"],
+        effective_norm_sq: Float[Array, "rows agents"],
         z: Float[Array, "agents dim"],
         condition: Any,
         moving: Bool[Array, " agents"] | None = None,
@@ -93,15 +124,15 @@ class AbstractRequirement(eqx.Module):
 
         Args:
             demand: Of this requirement.
-            reach: |d|^2 of the rows' effective directions: what an agent can do about a row without making any
-                other of its rows worse.
+            effective_norm_sq: |d|^2 of the rows' effective directions: what an agent can do about a row without
+                making any other of its rows worse.
             z: State of all agents.
             condition: What the requirement is conditioned on.
             moving: Who still moves.
         """
 
     @abc.abstractmethod
-    def landed(
+    def on_forced_step(
         self,
         state: Any,
         tau: Float[Array, ""],

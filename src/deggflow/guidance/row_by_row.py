@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from .active_set import resolution
+from .active_set import crossing
 
 MAX_INPUTS = 3
 MAX_ROWS = 12  # the work grows with the cube of the rows
@@ -76,7 +76,7 @@ def _on_lines(
     precision = float(jnp.finfo(distance.dtype).eps)
     across = _cross(normal, normals)
     square = _dot(across, across)  # of the sine between the two planes
-    meet = square > resolution(distance.dtype) ** 2
+    meet = square > crossing(distance.dtype) ** 2
     scale = jnp.where(meet, 1 / jnp.sqrt(jnp.where(meet, square, 1.0)), 0.0)
     along = _vector([part * scale for part in across])
     aside = _cross(along, normal)
@@ -89,8 +89,8 @@ def _on_lines(
         least, most = ends
         other, apart = _row(normals, row), _pick(distance, row)
         slope, level = _dot(other, along), _dot(other, foot) + apart
-        rises = slope > resolution(distance.dtype)
-        falls = slope < -resolution(distance.dtype)
+        rises = slope > crossing(distance.dtype)
+        falls = slope < -crossing(distance.dtype)
         place = -level / jnp.where(rises | falls, slope, 1.0)
         # A row that is level along the line is met everywhere on it or nowhere.
         above = level > ROUNDING * precision * (size + jnp.abs(apart))

@@ -1,11 +1,13 @@
 """Shared requirements (SE guidance): factors of several agents, each led below a bound of its own."""
 
+import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .bound import AbstractBound, TighteningBound
@@ -39,18 +41,22 @@ class Recovering(eqx.Module):
         return jnp.where(value > 0, self.gain * value, value)
 
 
-def everybody(condition: Any) -> None:
+def all_agents(condition: Any) -> None:
     """Incidence of a factor that all agents share."""
 
 
 class SharedFactor(eqx.Module):
-    """One factor a of the factor graph: q_a <= beta_a along the whole generation.
+    """One factor a of the factor graph: q_a <= beta_a along the whole generation, q_a <= end at tau = 1.
 
-    Args:
-        value: q_a(tau, z, condition), continuously differentiable; depends on its own agents' states only.
+    Guidance leads q_a below beta_a - buffer; a step may use up the buffer, but not go above beta_a. The verdict on a
+    finished sample is `q_a(1, z) <= bound.end(condition)`, in float64.
+
+    Attributes:
+        value: q_a(tau, z, condition), a number; continuously differentiable; depends on its own agents' states only.
         bound: beta_a.
         alpha: Extended class-K function; how fast q_a may approach its bound.
         incidence: From the condition, which agents belong to the factor; None for all of them.
+        buffer: What guidance aims at below the bound, in the unit of q_a.
         name: What reports call it.
 
     Source: paper, thm:SE_finite_horizon.
@@ -59,18 +65,59 @@ class SharedFactor(eqx.Module):
     value: FactorValue
     bound: AbstractBound = TighteningBound()
     alpha: Callable[[Float[Array, ""]], Float[Array, ""]] = linear
-    incidence: Callable[[Any], Bool[Array, " agents"] | None] = everybody
+    incidence: Callable[[Any], Bool[Array, " agents"] | None] = all_agents
+    buffer: float = eqx.field(static=True, default=0.0)
     name: str = eqx.field(static=True, default="shared")
+
+    def __check_init__(self) -> None:
+        if not callable(self.value):
+            raise TypeError(
+                f"`value` must be a function (tau, z, condition) -> q; got {self.value!r}."
+            )
+        if not (isinstance(self.buffer, float | int) and 0 <= self.buffer < math.inf):
+            raise ValueError(
+                "`buffer` must be a nonnegative finite number in the unit of `value`, as guidance aims at q <= bound - buffer; "
+                f"got {self.buffer}."
+            )
+
+    def q(
+        self, tau: Float[Array, ""], z: Float[Array, "agents dim"], condition: Any
+    ) -> Float[Array, ""]:
+        """The value, looked at: one floating-point number."""
+        value = self.value(tau, z, condition)
+        is_array = isinstance(value, jax.Array | np.ndarray)
+        if not is_array or not jnp.issubdtype(value.dtype, jnp.floating):
+            kind = value.dtype if is_array else type(value).__name__
+            raise TypeError(
+                f"`value` of {self.name!r} must be a floating-point number, at most its bound where the requirement holds; "
+                f"got {kind}."
+            )
+        if value.shape:
+            raise ValueError(
+                f"`value` of {self.name!r} must have shape (), one number for the team; got {value.shape}."
+            )
+        return value
+
+    def end(self, condition: Any, like: Float[Array, "..."]) -> Float[Array, ""]:
+        """What q may be at tau = 1."""
+        return jnp.asarray(self.bound.end(condition), like.dtype).reshape(())
+
+
+class SharedState(NamedTuple):
+    """Bounds of one sample, and who is there."""
+
+    bounds: tuple[Any, ...]  # one state for each factor
+    mask: Bool[Array, " agents"] | None
 
 
 class SharedRequirements(AbstractRequirement):
     """The factors that the agents of a team have in common; each gives each of its agents one row.
 
-    With V_a = q_a - beta_a, an agent's row is
+    With V_a = q_a + buffer_a - beta_a, an agent's row is
     grad_i q_a . (f_i + g_i u_i) + w_{a,i} (dq_a/dtau - dbeta_a/dtau + alpha(V_a)) <= 0.
-    Where all agents meet their rows, q_a <= beta_a for all tau (paper, thm:SE_finite_horizon).
+    Where all agents meet their rows, q_a + buffer_a <= beta_a for all tau (paper, thm:SE_finite_horizon).
 
-    Args:
+    Attributes:
         factors: Any number.
         sharing: The weights w_{a,i}.
     """
@@ -78,26 +125,68 @@ class SharedRequirements(AbstractRequirement):
     factors: tuple[SharedFactor, ...]
     sharing: AbstractSharing = AdaptiveShares()
 
+    def __check_init__(self) -> None:
+        if not isinstance(self.factors, tuple) or not all(
+            isinstance(factor, SharedFactor) for factor in self.factors
+        ):
+            raise TypeError(
+                f"`factors` must be a tuple of `SharedFactor`s, (factor,) if there is one; got {self.factors!r}."
+            )
+        if not self.factors:
+            raise ValueError("`factors` must hold at least one `SharedFactor`; got ().")
+
     @property
     def names(self) -> tuple[str, ...]:
         return tuple(factor.name for factor in self.factors)
 
-    def init(self, z0: Float[Array, "agents dim"], condition: Any) -> tuple[Any, ...]:
+    def init(
+        self,
+        z0: Float[Array, "agents dim"],
+        condition: Any,
+        mask: Bool[Array, " agents"] | None = None,
+    ) -> SharedState:
         """The bounds, from q_a(0, z(0))."""
-        start = jnp.zeros(())
-        return tuple(
-            factor.bound.init(factor.value(start, z0, condition), condition)
-            for factor in self.factors
+        start = jnp.zeros((), z0.dtype)
+        return SharedState(
+            tuple(
+                factor.bound.init(factor.q(start, z0, condition) + factor.buffer, condition)
+                for factor in self.factors
+            ),
+            mask,
         )
 
     def values(
-        self, tau: Float[Array, ""], z: Float[Array, "agents dim"], condition: Any
+        self,
+        tau: Float[Array, ""],
+        z: Float[Array, "agents dim"],
+        condition: Any,
+        mask: Bool[Array, " agents"] | None = None,
     ) -> Float[Array, " factors"]:
-        return jnp.stack([factor.value(tau, z, condition) for factor in self.factors])
+        return jnp.stack([factor.q(tau, z, condition) for factor in self.factors])
+
+    def margins_at_end(
+        self,
+        z: Float[Array, "agents dim"],
+        condition: Any,
+        mask: Bool[Array, " agents"] | None = None,
+    ) -> tuple[Float[Array, "..."], ...]:
+        q = [factor.q(jnp.ones((), z.dtype), z, condition) for factor in self.factors]
+        for factor, value in zip(self.factors, q, strict=True):
+            if value.dtype != z.dtype:
+                raise TypeError(
+                    f"`value` of {factor.name!r} is {value.dtype} for states of {z.dtype}: the verdict is made in float64, "
+                    "so the function must not round its result to another type."
+                )
+        return tuple(
+            factor.end(condition, z) - value for factor, value in zip(self.factors, q, strict=True)
+        )
+
+    def margin_names(self, row: int) -> None:
+        return None
 
     def demand(
         self,
-        state: tuple[Any, ...],
+        state: SharedState,
         tau: Float[Array, ""],
         z: Float[Array, "agents dim"],
         drift: Float[Array, "agents dim"],
@@ -109,15 +198,25 @@ class SharedRequirements(AbstractRequirement):
         dq_dtau, gradient = jax.vmap(pull_back)(jnp.eye(len(self.factors), dtype=q.dtype))
         incident = self._incident(z.shape[0], condition)
         gradient = jnp.where(incident[..., None], gradient, 0.0)
-        bound, owed = self._owed(state, tau, q, dq_dtau)
+        q = q.astype(z.dtype)
+        bound, limit, required = self._required(state, tau, q, dq_dtau, condition)
         ell = jax.vmap(lambda each: input_gradient(control, each, moving))(gradient)
-        rate = jnp.sum(gradient * drift[None], axis=-1)
-        return Demand(ell, rate, q, bound, bound, owed)
+        return Demand(
+            ell=ell,
+            rate=jnp.sum(gradient * drift[None], axis=-1),
+            explicit_rate=dq_dtau,
+            value=q,
+            bound=bound,
+            limit=limit,
+            contribution=jnp.sqrt(jnp.sum(ell**2, axis=-1)),
+            value_nan=jnp.isnan(q)[:, None] & incident,
+            required_decrease=required,
+        )
 
     def shares(
         self,
         demand: Demand,
-        reach: Float[Array, "rows agents"],
+        effective_norm_sq: Float[Array, "rows agents"],
         z: Float[Array, "agents dim"],
         condition: Any,
         moving: Bool[Array, " agents"] | None = None,
@@ -126,37 +225,44 @@ class SharedRequirements(AbstractRequirement):
         acting = incident if moving is None else incident & moving[None]
         # Where all of a factor's agents have stopped, what it asks stays with them: rows that say so.
         acting = jnp.where(jnp.any(acting, axis=1, keepdims=True), acting, incident)
-        return self.sharing(reach, acting) * demand.owed[:, None]  # eqn:SE_finite_horizon_zeta
+        return (
+            self.sharing(effective_norm_sq, acting) * demand.required_decrease[:, None]
+        )  # eqn:SE_finite_horizon_zeta
 
-    def landed(
+    def on_forced_step(
         self,
-        state: tuple[Any, ...],
+        state: SharedState,
         tau: Float[Array, ""],
         value: Float[Array, " rows"],
         above: Bool[Array, " rows"],
-    ) -> tuple[Any, ...]:
+    ) -> SharedState:
         return state  # the bounds stay; alpha leads back below them
 
     def _incident(self, agents: int, condition: Any) -> Bool[Array, "factors agents"]:
         given = [factor.incidence(condition) for factor in self.factors]
         return jnp.stack([jnp.ones(agents, bool) if one is None else one for one in given])
 
-    def _owed(
+    def _required(
         self,
-        state: tuple[Any, ...],
+        state: SharedState,
         tau: Float[Array, ""],
         q: Float[Array, " factors"],
         dq_dtau: Float[Array, " factors"],
-    ) -> tuple[Float[Array, " factors"], Float[Array, " factors"]]:
-        """beta_a, and dq_a/dtau - dbeta_a/dtau + alpha(q_a - beta_a) of every factor."""
+        condition: Any,
+    ) -> tuple[Float[Array, " factors"], Float[Array, " factors"], Float[Array, " factors"]]:
+        """Where q_a is led, what a step may reach, and dq_a/dtau - dbeta_a/dtau + alpha(V_a) of every factor."""
         one = jnp.ones_like(tau)
         bounds = [
             jax.jvp(lambda t, f=factor, s=own: f.bound(s, t), (tau,), (one,))
-            for factor, own in zip(self.factors, state, strict=True)
+            for factor, own in zip(self.factors, state.bounds, strict=True)
         ]
-        beta = jnp.stack([bound for bound, _ in bounds])
-        dbeta = jnp.stack([slope for _, slope in bounds])
+        beta = jnp.stack([bound.astype(q.dtype) for bound, _ in bounds])
+        dbeta = jnp.stack([slope.astype(q.dtype) for _, slope in bounds])
+        buffer = jnp.array([factor.buffer for factor in self.factors], q.dtype)
+        end = jnp.stack([factor.end(condition, q) for factor in self.factors])
+        aim = beta - buffer
         alpha = jnp.stack(
-            [factor.alpha(v) for factor, v in zip(self.factors, q - beta, strict=True)]
+            [factor.alpha(v) for factor, v in zip(self.factors, q - aim, strict=True)]
         )
-        return beta, dq_dtau - dbeta + alpha
+        # A step may use up the buffer where q is good enough for the end, and goes above beta nowhere.
+        return aim, jnp.clip(end, aim, beta), dq_dtau - dbeta + alpha.astype(q.dtype)

@@ -43,32 +43,41 @@ def effective_directions(
 
     Moving against d_{a,i} brings row a down and lets none of the others rise. Two rows: the paper's
     directions, with phi_delta. More: the projection of ell_{a,i} onto the directions that no other row of
-    the agent opposes, which is the paper's with phi = min(eta, 0) where there are two.
+    the agent opposes, which is the paper's with phi = min(eta, 0) where there are two. Exactly zero where rows are
+    opposed up to rounding, so that d_{a,i} != 0 says that row a can be met; rows may be of any scale. A row that is not
+    finite has no direction, and the others are as if it were not there.
 
     Source: paper, before eqn:C2_weights; docs/theory.md for more than two.
     """
-    if ell.shape[0] < 2:
-        return ell
-    square = jnp.sum(ell**2, axis=-1)
-    live = square > 0
-    norm = jnp.sqrt(jnp.where(live, square, 1.0)) * live
-    unit = ell / jnp.where(live, norm, 1.0)[..., None]
-    if ell.shape[0] == 2:
+    with jax.default_matmul_precision("highest"):
+        return _directions(ell, delta)
+
+
+def _directions(
+    ell: Float[Array, "factors agents inputs"], delta: float
+) -> Float[Array, "factors agents inputs"]:
+    # By the largest entry first, so that squares neither over- nor underflow.
+    largest = jax.lax.stop_gradient(jnp.max(jnp.abs(ell), axis=-1, keepdims=True, initial=0.0))
+    tiny = float(jnp.finfo(ell.dtype).tiny)
+    live = (largest >= tiny) & (largest < jnp.inf)  # not so for nan
+    largest = jnp.where(live, largest, 1.0)
+    near_one = jnp.where(live, ell, 0.0) / largest
+    square = jnp.sum(near_one**2, axis=-1, keepdims=True)
+    length = jnp.sqrt(jnp.where(live, square, 1.0))
+    unit = near_one / length
+    if len(ell) < 2:
+        return jnp.where(live, ell, 0.0)
+    if len(ell) == 2:
         against = phi(jnp.clip(jnp.sum(unit[0] * unit[1], axis=-1), -1.0, 1.0), delta)
-        # A factor that an agent can't change leaves the other one as it is.
-        against = jnp.where(live[0] & live[1], against, 0.0)
-        return ell - (norm * against[None])[..., None] * unit[::-1]
-    others = jnp.array([[b for b in range(len(ell)) if b != a] for a in range(len(ell))])
-    project = jax.vmap(jax.vmap(_unopposed), in_axes=(0, 1))
-    return norm[..., None] * project(unit, unit[others].swapaxes(1, 2).swapaxes(0, 1))
-
-
-def _unopposed(
-    direction: Float[Array, " inputs"], others: Float[Array, "others inputs"]
-) -> Float[Array, " inputs"]:
-    """The point nearest to a direction from which no other row points away: `others @ d >= 0`."""
-    shift, _ = project_origin(-others, -(others @ direction), resolution(direction.dtype))
-    return direction + shift
+        # A factor that an agent can't change leaves the other one as it is: its unit is zero.
+        direction = unit - against[None, :, None] * unit[::-1]
+    else:
+        others = jnp.array([[b for b in range(len(ell)) if b != a] for a in range(len(ell))])
+        project = jax.vmap(jax.vmap(_unopposed), in_axes=(0, 1))
+        direction = project(unit, unit[others].swapaxes(1, 2).swapaxes(0, 1))
+    # What rounding leaves of a direction that should vanish is none.
+    left = jnp.sum(direction**2, axis=-1, keepdims=True) > resolution(ell.dtype) ** 2
+    return jnp.where(live & left, direction * length, 0.0) * largest
 
 
 def _normalised(

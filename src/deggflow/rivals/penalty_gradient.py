@@ -1,14 +1,16 @@
 """Descent on the violation, with a gain that grows toward tau = 1."""
 
+from collections.abc import Callable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from deggflow.guidance.private import Violation
-
 from .rival import AbstractRival, left
+
+Violation = Callable[[Float[Array, "agents dim"], Any], Float[Array, " agents"]]
+"""V_i: (z, condition) -> the violation of each agent."""
 
 
 class PenaltyGradient(AbstractRival):

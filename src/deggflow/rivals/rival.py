@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from deggflow.guidance import AbstractGuidance, GuidanceReport
+from deggflow.guidance import AbstractGuidance, GuidanceReport, report_without_rows
 
 Constraints = Callable[[Float[Array, "agents dim"], Any], Float[Array, " constraints"]]
 """h: (z, condition) -> one margin per constraint, `>= 0` where it holds; each constraint counts once."""
@@ -29,10 +29,20 @@ class AbstractRival(AbstractGuidance):
     ) -> Float[Array, "agents dim"]:
         """What is added to the nominal field."""
 
-    def init(self, z0: Float[Array, "agents dim"], condition: Any) -> None:
+    @property
+    def names(self) -> tuple[str, ...]:
+        """No rows."""
+        return ()
+
+    def init(
+        self,
+        z0: Float[Array, "agents dim"],
+        condition: Any,
+        mask: Bool[Array, " agents"] | None = None,
+    ) -> None:
         """No state."""
 
-    def landed(
+    def on_forced_step(
         self,
         state: None,
         tau: Float[Array, ""],
@@ -54,11 +64,7 @@ class AbstractRival(AbstractGuidance):
         u = self.correction(tau, z, drift, condition)
         if moving is not None:
             u = jnp.where(moving[:, None], u, 0.0)
-        agents = z.shape[0]
-        values, rows = jnp.zeros(0), jnp.zeros((0, agents))
-        none, effort = jnp.zeros((0, agents), bool), jnp.linalg.norm(u, axis=-1)
-        nobody, ones = jnp.zeros(agents, bool), jnp.ones(agents)
-        return u, GuidanceReport(values, values, values, none, nobody, effort, rows, none, ones)
+        return u, report_without_rows(drift, u)
 
 
 class Linearised(NamedTuple):

@@ -2,14 +2,15 @@
 
 from pathlib import Path
 
+from deggflow.files import StrPath, write_atomically
 
-def draw_curves(source: Path, target: Path) -> None:
+
+def draw_curves(source: StrPath, target: StrPath) -> None:
     """Draws the curves of a run (curves.csv) as PNG, PDF or SVG, by the target's ending."""
     import io
 
     from matplotlib.figure import Figure
 
-    from deggflow.files import write_atomically
     from deggflow.train import read_curves
 
     curves = read_curves(source)
@@ -23,5 +24,5 @@ def draw_curves(source: Path, target: Path) -> None:
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(frameon=False)
     buffer = io.BytesIO()
-    figure.savefig(buffer, format=target.suffix.lstrip("."), dpi=200)
+    figure.savefig(buffer, format=Path(target).suffix.lstrip("."), dpi=200)
     write_atomically(target, buffer.getvalue())

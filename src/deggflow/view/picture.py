@@ -4,13 +4,12 @@ from collections.abc import Sequence
 from contextlib import closing
 from functools import cache
 from io import BytesIO
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, UInt8
 from PIL import Image, ImageDraw, ImageFont
 
-from deggflow.files import write_atomically
+from deggflow.files import StrPath, write_atomically
 from deggflow.tasks.tabletop.condition import SceneCondition
 from deggflow.tasks.tabletop.verdict import judge
 
@@ -106,11 +105,11 @@ def panels(
     return np.array(sheet)
 
 
-def save_png(path: Path | str, image: Picture) -> None:
+def save_png(path: StrPath, image: Picture) -> None:
     """Writes a picture; a kill at any moment leaves the old file or the new one."""
     content = BytesIO()
     Image.fromarray(image).save(content, format="PNG", optimize=True)
-    write_atomically(Path(path), content.getvalue())
+    write_atomically(path, content.getvalue())
 
 
 @cache

@@ -5,14 +5,13 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import closing, suppress
 from itertools import chain
-from pathlib import Path
 from typing import IO, cast
 
 import numpy as np
 from jaxtyping import Float, UInt8
 from PIL import Image, ImageDraw
 
-from deggflow.files import replacing
+from deggflow.files import StrPath, replacing
 from deggflow.tasks.tabletop.condition import SceneCondition
 from deggflow.tasks.tabletop.verdict import judge
 
@@ -26,7 +25,7 @@ Frames = Sequence[Float[np.ndarray, "agents 3"]]
 
 
 def write_video(
-    path: Path | str,
+    path: StrPath,
     condition: SceneCondition,
     frames_poses: Frames,
     *,
@@ -66,7 +65,7 @@ def write_video(
             _finished(list(pictures), tau, titles)
             for *pictures, tau in zip(*columns, times, strict=True)
         )
-        encode(Path(path), frames, fps)
+        encode(path, frames, fps)
 
 
 def _checked_times(
@@ -109,7 +108,7 @@ def _finished(
     return np.array(sheet)
 
 
-def encode(path: Path, frames: Iterator[UInt8[np.ndarray, "rows columns 3"]], fps: int) -> None:
+def encode(path: StrPath, frames: Iterator[UInt8[np.ndarray, "rows columns 3"]], fps: int) -> None:
     """Writes frames of one even size as MP4, the last one held for a second; atomically."""
     with replacing(path) as beside:
         _run_encoder(str(beside), frames, fps)

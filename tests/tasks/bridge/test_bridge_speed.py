@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from policy_cases import AGENTS, SCALES, K, T, decoded, random_state
 
+from deggflow.guidance import hinge_violation
 from deggflow.tasks.bridge.condition import BridgeCondition, TrialCondition
 from deggflow.tasks.bridge.field import load_field
 from deggflow.tasks.bridge.generator import BridgeGenerator
 from deggflow.tasks.bridge.oracle import refutation
-from deggflow.tasks.bridge.requirements import SPEED_BUFFER, SpeedViolation, bridge_guidance
+from deggflow.tasks.bridge.requirements import SPEED_BUFFER, SpeedMargins, bridge_guidance
 from deggflow.tasks.bridge.scenes import random_conditions
 from deggflow.tasks.bridge.verdict import contact_speeds
 
@@ -42,8 +43,9 @@ def by_hand(z, state, limit):
     return out
 
 
-violations = jax.jit(jax.vmap(SpeedViolation(SCALES, LIMIT)))
-gradients = jax.jit(jax.vmap(jax.grad(lambda z, c: jnp.sum(SpeedViolation(SCALES, LIMIT)(z, c)))))
+violation = hinge_violation(SpeedMargins(SCALES, LIMIT), SPEED_BUFFER)
+violations = jax.jit(jax.vmap(violation))
+gradients = jax.jit(jax.vmap(jax.grad(lambda z, c: jnp.sum(violation(z, c)))))
 
 
 def in_double(function, z, states):

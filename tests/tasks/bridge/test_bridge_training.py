@@ -1,6 +1,8 @@
 """The training loss against a second implementation, and a tiny training run."""
 
 import json
+import shutil
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -129,6 +131,29 @@ def test_a_finished_run_is_not_trained_again(run, data):
     before = (out / "field.safetensors").read_bytes()
     train_field(data, out, CONFIG)
     assert (out / "field.safetensors").read_bytes() == before
+
+
+def test_a_finished_run_is_extended_and_its_card_says_so(run, data, tmp_path):
+    out = shutil.copytree(run[0], tmp_path / "run")
+    train_field(str(data), str(out), replace(CONFIG, steps=60))
+    card = json.loads((out / "field.json").read_text())
+    assert card["training"]["steps"] == 60
+    assert card["training"]["segments"] == [40, 60]
+    first, second = card["commands"][1:]
+    assert "--steps 40 " in first
+    assert second == first.replace("--steps 40 ", "--steps 60 ")
+    assert [c.step for c in read_curves(out / "curves.csv")] == [20, 40, 60]
+    assert "segments" not in json.loads((run[0] / "field.json").read_text())["training"]
+    load_field(str(out / "field.safetensors"))
+
+
+def test_other_data_are_not_mixed_in(run, data, tmp_path):
+    """The last of four demonstrations left out: the first array that differs is named."""
+    other = shutil.copytree(data, tmp_path / "data")
+    lines = (other / "training.jsonl").read_text().splitlines(keepends=True)
+    (other / "training.jsonl").write_text("".join(lines[:-1]))
+    with pytest.raises(InputError, match=r"`training\.z` is float32 \(\d+, 6, 24\) here, float32"):
+        train_field(other, run[0], CONFIG)
 
 
 def test_other_settings_are_not_mixed_in(run, data):

@@ -12,7 +12,7 @@ from deggflow.tasks.tabletop.changes import random_conditions
 from deggflow.tasks.tabletop.condition import Balance, SceneCondition, to_arrays
 from deggflow.tasks.tabletop.generator import initial_noise
 from deggflow.tasks.tabletop.oracle import TOLERANCE, least_margin, refutes
-from deggflow.tasks.tabletop.requirements import INSIDE, imbalance
+from deggflow.tasks.tabletop.requirements import imbalance
 from deggflow.tasks.tabletop.verdict import Kind, judge
 
 SCALE = np.array([[0.70, 0.47]])  # m per unit of z (paper)
@@ -44,7 +44,7 @@ def by_hand(condition, z, masses):
     """q from the definition, in float64."""
     circle = condition.balance
     centre = centre_of(condition, z[: len(condition.objects), :2] * SCALE, masses)
-    away = math.dist(centre, (circle.x, circle.y)) / (INSIDE * circle.radius)
+    away = math.dist(centre, (circle.x, circle.y)) / circle.radius
     return (away**2 - 1) / 2
 
 

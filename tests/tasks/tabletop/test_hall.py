@@ -2,7 +2,6 @@
 
 import json
 import math
-from functools import partial
 
 import equinox as eqx
 import jax
@@ -34,10 +33,9 @@ from deggflow.tasks.tabletop.hall.condition import (
 )
 from deggflow.tasks.tabletop.hall.condition import to_arrays as numpy_arrays
 from deggflow.tasks.tabletop.hall.field import FADE, hall_field
-from deggflow.tasks.tabletop.hall.margins import HallViolation, dependence
+from deggflow.tasks.tabletop.hall.margins import HallMargins
 from deggflow.tasks.tabletop.library import numbered
-from deggflow.tasks.tabletop.margins import HingeViolation
-from deggflow.tasks.tabletop.margins import dependence as dense_dependence
+from deggflow.tasks.tabletop.margins import TABLETOP
 from deggflow.tasks.tabletop.oracle import least_margin, refutes
 from deggflow.tasks.tabletop.requirements import tabletop_guidance
 from deggflow.tasks.tabletop.verdict import BUFFER, judge
@@ -105,7 +103,9 @@ def test_violation_is_that_of_exact_geometry(family):
     z = states(condition)
     with jax.enable_x64(True):
         given = to_arrays(condition)
-        found = eqx.filter_jit(HallViolation(BUFFER, SLOTS))(jnp.asarray(z, jnp.float64), given)
+        found = eqx.filter_jit(HallMargins(SLOTS).violation)(
+            jnp.asarray(z, jnp.float64), given, BUFFER
+        )
         found = np.asarray(found)
     exact = judge([condition], [decode_exactly(z, condition)])[0]
     assert exact.violation > 0.01
@@ -128,15 +128,18 @@ def test_violation_gradient_and_dependence_are_those_of_a_table():
     size = 12
     dense, sparse, z, padded = table_and_hall(size, 3)
 
-    def slope(violation, z, condition):
-        return eqx.filter_jit(jax.value_and_grad(lambda z: jnp.sum(violation(z, condition))))(z)
+    def slope(margins, z, condition):
+        def total(z):
+            return jnp.sum(margins.violation(z, condition, BUFFER))
 
-    value, gradient = slope(HingeViolation(BUFFER), z, dense)
-    other, steep = slope(HallViolation(BUFFER, SLOTS), padded, sparse)
+        return eqx.filter_jit(jax.value_and_grad(total))(z)
+
+    value, gradient = slope(TABLETOP, z, dense)
+    other, steep = slope(HallMargins(SLOTS), padded, sparse)
     assert float(other) == pytest.approx(float(value), rel=1e-5)
     np.testing.assert_allclose(steep[:size], gradient[:size], atol=1e-6)
-    wanted = eqx.filter_jit(partial(dense_dependence, buffer=BUFFER))(z, dense)[:size, :size]
-    pairs = eqx.filter_jit(partial(dependence, buffer=BUFFER, slots=SLOTS))(padded, sparse)
+    wanted = eqx.filter_jit(TABLETOP.dependence)(z, dense, BUFFER)[:size, :size]
+    pairs = eqx.filter_jit(HallMargins(SLOTS).dependence)(padded, sparse, BUFFER)
     got = np.zeros((len(padded), len(padded)), bool)
     got[pairs.owner[pairs.active], pairs.agent[pairs.active]] = True
     assert np.array_equal(got[:size, :size], wanted)
@@ -171,7 +174,7 @@ def test_the_field_does_not_jump_as_a_neighbour_leaves():
 def test_a_list_that_is_too_short_gives_no_number():
     condition = hall(40)
     z, given = jnp.asarray(states(condition, spread=0.05)), to_arrays(condition)
-    assert np.isnan(eqx.filter_jit(HallViolation(BUFFER, 2))(z, given)).all()
+    assert np.isnan(eqx.filter_jit(HallMargins(2).violation)(z, given, BUFFER)).all()
     assert np.isnan(eqx.filter_jit(hall_field(load_field(), 2))(jnp.float32(0.5), z, given)).all()
 
 

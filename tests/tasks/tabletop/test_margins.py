@@ -12,8 +12,7 @@ from deggflow.tasks.tabletop.changes import random_conditions
 from deggflow.tasks.tabletop.condition import SIZES, SceneCondition, take, to_arrays
 from deggflow.tasks.tabletop.margins import (
     ABSENT,
-    HingeViolation,
-    dependence,
+    TABLETOP,
     least_margin,
     scene_margins,
 )
@@ -21,7 +20,15 @@ from deggflow.tasks.tabletop.verdict import judge
 
 SCALE = np.array([[0.70, 0.47, 1.35]])  # paper: [p, theta] = diag(0.70, 0.47, 1.35) z
 BUFFER = 0.02  # m, paper: delta^PE
-VIOLATION = HingeViolation(BUFFER)
+
+
+def violation_of(z, condition):
+    return TABLETOP.violation(z, condition, BUFFER)
+
+
+def and_gradient(z, condition):
+    return TABLETOP.violation_and_gradient(z, condition, BUFFER)
+
 ROUNDING = 5e-7  # m, object sizes are float32 in a compiled program
 
 
@@ -31,7 +38,7 @@ BATCH = 160  # scenes measured at once, so that each padded size is compiled onc
 @jax.jit
 @jax.vmap
 def _measured(z, condition):
-    parts = VIOLATION(z, condition)
+    parts = violation_of(z, condition)
     return least_margin(z, condition), parts, scene_margins(z, condition)
 
 
@@ -152,11 +159,11 @@ COUNT = 24  # scenes whose gradients are taken
 
 @jax.jit
 def _totals(z, condition):
-    return jax.vmap(lambda state: VIOLATION(state, condition).sum())(z)
+    return jax.vmap(lambda state: violation_of(state, condition).sum())(z)
 
 
 _slopes = jax.jit(
-    jax.vmap(jax.value_and_grad(lambda z, condition: VIOLATION(z, condition).sum())),
+    jax.vmap(jax.value_and_grad(lambda z, condition: violation_of(z, condition).sum())),
 )
 
 
@@ -195,8 +202,8 @@ def test_gradient_is_finite_where_all_objects_coincide():
 @jax.jit
 @jax.vmap
 def _influence(z, condition):
-    slopes = jax.jacrev(lambda state: VIOLATION(state, condition))(z)
-    return slopes, dependence(z, condition, BUFFER)
+    slopes = jax.jacrev(lambda state: violation_of(state, condition))(z)
+    return slopes, TABLETOP.dependence(z, condition, BUFFER)
 
 
 def test_a_violation_depends_on_nobody_else(random_scenes):
@@ -224,16 +231,16 @@ def test_value_and_gradient_of_a_batch_are_those_of_its_scenes():
     z = jax.random.normal(jax.random.key(0), (*arrays.mask.shape, 3)) * 0.5
 
     def plain(z, condition):
-        return VIOLATION(z, condition), jax.grad(lambda z: jnp.sum(VIOLATION(z, condition)))(z)
+        return violation_of(z, condition), jax.grad(lambda z: jnp.sum(violation_of(z, condition)))(z)
 
     wanted = jax.jit(jax.vmap(plain))(z, arrays)
-    for run in (jax.vmap(VIOLATION.and_gradient), partial(_one_by_one, VIOLATION.and_gradient)):
+    for run in (jax.vmap(and_gradient), partial(_one_by_one, and_gradient)):
         got = jax.jit(run)(z, arrays)
         np.testing.assert_allclose(got[0], wanted[0], rtol=1e-5, atol=1e-8)
         np.testing.assert_allclose(got[1], wanted[1], rtol=1e-4, atol=1e-6)
     assert float(jnp.sum(wanted[0])) > 0.1
     # States alone in the batch, one condition for all of them.
-    alone = jax.jit(jax.vmap(VIOLATION.and_gradient, in_axes=(0, None)))(z, take(arrays, 0))
+    alone = jax.jit(jax.vmap(and_gradient, in_axes=(0, None)))(z, take(arrays, 0))
     np.testing.assert_allclose(alone[1][0], wanted[1][0], rtol=1e-4, atol=1e-6)
 
 
@@ -252,7 +259,7 @@ def test_the_gradient_has_a_derivative_in_a_batch_too():
         return jax.jit(lambda z: jax.jvp(lambda z: jax.vmap(gradient)(z, arrays), (z,), (push,)))(z)
 
     def plain(z, condition):
-        return jax.grad(lambda z: jnp.sum(VIOLATION(z, condition)))(z)
+        return jax.grad(lambda z: jnp.sum(violation_of(z, condition)))(z)
 
-    got, wanted = slope(lambda z, c: VIOLATION.and_gradient(z, c)[1]), slope(plain)
+    got, wanted = slope(lambda z, c: and_gradient(z, c)[1]), slope(plain)
     np.testing.assert_allclose(got[1], wanted[1], rtol=1e-3, atol=1e-4)

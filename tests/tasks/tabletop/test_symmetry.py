@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from deggflow.tasks.tabletop.codec import Pose, decode, encode
 from deggflow.tasks.tabletop.condition import to_arrays
-from deggflow.tasks.tabletop.margins import HingeViolation, scene_margins
+from deggflow.tasks.tabletop.margins import TABLETOP, scene_margins
 from deggflow.tasks.tabletop.symmetry import half_turn, mirror, random_symmetry, wrap
 
 SYMMETRIES = {
@@ -28,7 +28,7 @@ def _images(pose, condition):
 
     def told(pose):
         z = encode(pose, condition)
-        return pose, scene_margins(z, condition), HingeViolation()(z, condition)
+        return pose, scene_margins(z, condition), TABLETOP.violation(z, condition, 0.02)
 
     images = {name: told(apply(pose, condition)) for name, apply in SYMMETRIES.items()}
     twice = {name: apply(images[name][0], condition) for name, apply in SYMMETRIES.items()}

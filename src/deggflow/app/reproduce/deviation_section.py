@@ -41,10 +41,10 @@ _METRICS = (
     ("poses", "poses", POSES, TASK2_W2_POSE, TASK2_SPREAD_POSE),
 )
 _BOUNDS = {
-    "secant": "bound, growth of each pair",
-    "quotient": "bound, least L of the pairs",
-    "samples": "bound, each sample's own L",
-    "held": "bound, fixed Euler steps",
+    "secant": "Euler steps, growth of each pair",
+    "quotient": "Euler steps, least L of the pairs",
+    "samples": "Euler steps, each sample's own L",
+    "held": "Euler steps, the theorem's L",
     "theorem": "theorem's bound",
 }
 """From the sharpest to the theorem's own, as `deggflow.deviation.Bounds` has them."""
@@ -65,7 +65,7 @@ def section_of(result: Mapping[str, Any]) -> Section:
             Plot(
                 "deviation",
                 f"Left: W2 between nominal and guided scenes over the RMS distance between two nominal scenes; right: spread of "
-                f"guided over that of nominal scenes; {result['scenes']} scenes of each N, 95% bootstrap intervals over scenes. "
+                f"guided over that of nominal scenes; {result['scenes']} scenes of each N, 95% jackknife intervals over scenes. "
                 "Open markers and bands: the paper's.",
                 draw_ratios(_panels(rows)),
             ),
@@ -103,7 +103,7 @@ def _ratio_table(rows: Sequence[Mapping[str, Any]]) -> DataTable:
             lines.append([row["size"], found["states"]["samples"], title, *cells, *spreads, own])
     return DataTable(
         "deviation",
-        "W2 over the nominal scenes' RMS distance (W2/S), and spread of guided over that of nominal scenes, with 95% bootstrap "
+        "W2 over the nominal scenes' RMS distance (W2/S), and spread of guided over that of nominal scenes, with 95% jackknife "
         "intervals. Own: scenes whose partner in the best assignment is the scene of the same z(0).",
         (
             "N", "scenes", "", "W2/S in z, paper", "W2/S in z", "W2/S in poses, paper",
@@ -177,7 +177,7 @@ def _ways(result: Mapping[str, Any]) -> str:
     return (
         f"{result['scenes']} scenes of each N, seed {result['seed']}, nominal and guided from the same z(0), first draws. As in the "
         "paper every scene has a condition of its own; the theorem is about one condition, so rows of one condition stand beside "
-        "them. Intervals are of a bootstrap over scenes that keeps W2 free of the bias of drawn copies."
+        "them. Intervals are by the jackknife: scenes are left out one by one, with their guided ones."
     )
 
 
@@ -220,8 +220,9 @@ def _theorem_text(theorem: Mapping[int, Mapping[str, Any]]) -> str:
         "The theorem's L(τ) is a Lipschitz constant of the nominal field. For a trained network nobody knows it; what stands here was "
         "found by power iteration on the Jacobian between nominal and guided states (and by their difference quotient), so it is an "
         "estimate from below of a constant for all states, and enough for these samples. Its integral stands in an exponent: the "
-        f"theorem's bound is {over('theorem')} times W2. What makes it loose is L, not the corrections: with the growth that each pair "
-        f"of states had, the same integral is {over('secant')} times W2. The decoder is linear, so its L_D is exact: the "
+        f"theorem's bound is {over('theorem')} times W2. What makes it loose is L, not the corrections: if every Euler step stretches the gap "
+        f"of each pair by the factor that it had, the bound is {over('secant')} times W2. All bounds but the theorem's integral are such "
+        "recursions over the Euler steps, without an error of quadrature. The decoder is linear, so its L_D is exact: the "
         "largest entry of its diagonal."
     )
 

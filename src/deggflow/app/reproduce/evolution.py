@@ -18,7 +18,7 @@ from deggflow.tasks.tabletop.changes import random_conditions
 from deggflow.tasks.tabletop.codec import decode_exactly
 from deggflow.tasks.tabletop.condition import SceneCondition, TabletopCondition, take, to_arrays
 from deggflow.tasks.tabletop.generator import TabletopGenerator, initial_noise
-from deggflow.tasks.tabletop.margins import HingeViolation
+from deggflow.tasks.tabletop.margins import TABLETOP
 from deggflow.tasks.tabletop.verdict import BUFFER, Breach, Poses, Verdict, judge
 
 from .experiment import Progress
@@ -65,10 +65,10 @@ def _program(
     guard: StepGuard | None,
 ) -> _Path:
     out = generate(field, guidance, z0, condition, grid=grid, guard=guard, keep_path=True)
-    path = z0[None] if out.path is None else out.path
-    violation = HingeViolation(BUFFER)
-    total = jax.vmap(lambda z: jnp.sum(violation(z, condition)))(path)
-    return _Path(path, total, out.trace.bound)
+    assert out.path is not None
+    assert out.trace is not None
+    total = jax.vmap(lambda z: jnp.sum(TABLETOP.violation(z, condition, BUFFER)))(out.path)
+    return _Path(out.path, total, out.trace.bound)
 
 
 def evolution(

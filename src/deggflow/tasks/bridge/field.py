@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from deggflow.field import TIME_FEATURES, time_features
+from deggflow.files import StrPath
 from deggflow.weights import load_card, load_weights
 
 from .condition import CONTACT_SIZE, OTHER_SIZE, OWN_SIZE, BridgeCondition, Scales, observe
@@ -108,13 +109,13 @@ def shipped_weights() -> Path:
     return Path(str(files("deggflow.tasks.bridge"))) / "weights" / "field.safetensors"
 
 
-def load_field(path: Path | None = None) -> BridgeField:
+def load_field(path: StrPath | None = None) -> BridgeField:
     """A trained field from a safetensors file and its card; the shipped one if no path is given.
 
     Raises:
         ValueError: The card or the weights are not those of a bridge field.
     """
-    path = shipped_weights() if path is None else path
+    path = shipped_weights() if path is None else Path(path)
     given = load_card(path).get("scales")
     if not isinstance(given, dict) or set(given) != set(Scales._fields):
         raise ValueError(f"{path.with_suffix('.json')}: `scales` must give {Scales._fields}.")

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deggflow.guidance import AbstractGuidance, NoGuidance
+from deggflow.redraw import Candidate, redraw_until_satisfied
 
 from .codec import continuation
 from .condition import BridgeCondition, TrialCondition, padded_robots, take
@@ -61,6 +62,13 @@ class Single(NamedTuple):
     record: PolicyRecord
     first_met: bool  # the first draw ends with both factors below their bounds
     reason: str | None  # why no draw was accepted
+
+
+class _Refusal(NamedTuple):
+    """A policy that is not executed."""
+
+    record: PolicyRecord
+    reason: str
 
 
 def _nobody(_: Round) -> None:
@@ -242,31 +250,27 @@ class BridgeGenerator:
         policy: int,
         max_draws: int,
     ) -> None:
-        pending = list(range(len(runs)))
-        refused: dict[int, tuple[PolicyRecord, str]] = {}
-        limit = max_draws if self.guided else 1
-        for number in range(limit):
+        def attempt(pending: Sequence[int], number: int) -> list[Candidate[_Refusal | None]]:
             numbers = np.array([runs[k].number for k in pending])
             drawn = self.of_draw(number + 1).batch(
                 initial_noise(seed, numbers, policy, number), take(condition, np.array(pending))
             )
-            left = []
-            for row, k in enumerate(pending):
-                refusal = self._try(runs[k], drawn, row, number + 1, policy)
-                if refusal is not None:
-                    left.append(k)
-                    if k not in refused or refusal[0].excess < refused[k][0].excess:
-                        refused[k] = refusal
-            pending = left
-            if not left:
-                return
-        for k in pending:
-            record, reason = refused[k]
-            runs[k].stop(replace(record, draws=limit), reason)
+            refusals = [
+                self._try(runs[k], drawn, row, number + 1, policy) for row, k in enumerate(pending)
+            ]
+            return [
+                Candidate(each, each is None, 0.0 if each is None else -each.record.excess)
+                for each in refusals
+            ]
+
+        limit = max_draws if self.guided else 1
+        for run, tried in zip(runs, redraw_until_satisfied(attempt, len(runs), limit), strict=True):
+            if tried.sample is not None:
+                run.stop(replace(tried.sample.record, draws=tried.draws), tried.sample.reason)
 
     def _try(
         self, run: _Running, drawn: Policies, row: int, draws: int, policy: int
-    ) -> tuple[PolicyRecord, str] | None:
+    ) -> _Refusal | None:
         """Executes a policy, or returns why it is refused."""
         plan = drawn.twists[row]
         made = drawn.record(row, len(run.condition.contacts))
@@ -274,7 +278,7 @@ class BridgeGenerator:
             bound = float(drawn.bound[row])
             record = PolicyRecord(_DIVERGED, bound, _DIVERGED, draws, False, generation=made)
             run.first_met = bool(run.first_met)
-            return record, f"policy {policy + 1}: the generation diverged"
+            return _Refusal(record, f"policy {policy + 1}: the generation diverged")
         record = PolicyRecord(
             float(drawn.q_task[row]),
             float(drawn.bound[row]),
@@ -289,7 +293,7 @@ class BridgeGenerator:
         too_fast = self.speed_limit is not None and record.speed > self.speed_limit
         if self.guided and (not record.met or verdict.reason is not None or too_fast):
             reason = _refusal(run, drawn, row, verdict, policy, self.speed_limit)
-            return replace(record, accepted=False), reason
+            return _Refusal(replace(record, accepted=False), reason)
         run.carry_out(plan, verdict, record)
         return None
 

@@ -9,13 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from deggflow.blocks import blocks, side_by_side
-from deggflow.certificate import GenerationRecord, record
+from deggflow.blocks import blocks, padded_batch, side_by_side
+from deggflow.certificate import GenerationRecord
 from deggflow.generation import generate, refined_grid
 from deggflow.guidance import AbstractGuidance, DecoupledGuidance, NoGuidance
-from deggflow.redraw import padded_batch
+from deggflow.recording import record
 from deggflow.step_guard import StepGuard
-from deggflow.trace import Summary, Trace, summarise
+from deggflow.trace import Summary, Trace
 
 from .codec import decode_twists
 from .condition import BridgeCondition, Scales, take
@@ -70,8 +70,11 @@ def _drawn(
     guard: StepGuard | None,
 ) -> Drawn:
     def one(z0: Float[Array, "agents dim"], trial: BridgeCondition) -> Drawn:
-        out = generate(field.under(trial), guidance, z0, trial, grid=grid, guard=guard)
-        return Drawn(out.z, summarise(out.trace, out.work, trial.mask))
+        out = generate(
+            field.under(trial), guidance, z0, trial, grid=grid, guard=guard, mask=trial.mask,
+            keep_trace=False,
+        )  # fmt: skip
+        return Drawn(out.z, out.summary)
 
     return jax.vmap(one)(noise, condition)
 
@@ -88,7 +91,11 @@ def _trace(
     grid: Float[Array, " points"],
     guard: StepGuard | None,
 ) -> Trace:
-    return generate(field.under(condition), guidance, z0, condition, grid=grid, guard=guard).trace
+    out = generate(
+        field.under(condition), guidance, z0, condition, grid=grid, guard=guard, mask=condition.mask
+    )
+    assert out.trace is not None
+    return out.trace
 
 
 @partial(jax.jit, static_argnums=2)

@@ -82,8 +82,8 @@ def bridge_requirements(
 SPEED_BUFFER = 0.02  # m/s, delta of the hinge
 
 
-class SpeedViolation(eqx.Module):
-    """V_i of a robot's own speed limit: sum_t max(delta - h_it, 0)^2 / 2 over the executed actions, (m/s)^2.
+class SpeedMargins(eqx.Module):
+    """Margins of a robot's own speed limit in each executed action, m/s.
 
     h_it = (limit^2 - |c_it|^2) / (2 limit) is nonnegative where the contact point's speed |c_it| is at most the
     limit, close to it the difference of the two, and smooth where the robot stands still.
@@ -94,13 +94,12 @@ class SpeedViolation(eqx.Module):
 
     def __call__(
         self, z: Float[Array, "agents dim"], condition: BridgeCondition
-    ) -> Float[Array, " agents"]:
-        """V_i of every robot; zero for absent ones."""
+    ) -> Float[Array, "agents actions"]:
+        """h_it of every robot; infinite for absent ones."""
         twists = decode_twists(z, condition, self.scales, EXECUTED)
         velocity = contact_velocity(twists[None], condition.contacts[:, None])
         margin = (self.limit**2 - jnp.sum(velocity**2, axis=-1)) / (2 * self.limit)
-        own = jnp.sum(jnp.maximum(SPEED_BUFFER - margin, 0.0) ** 2, axis=-1) / 2
-        return jnp.where(condition.mask, own, 0.0)
+        return jnp.where(condition.mask[:, None], margin, jnp.inf)
 
 
 def bridge_guidance(
@@ -115,9 +114,8 @@ def bridge_guidance(
     """
     requirements: list[AbstractRequirement] = [bridge_requirements(scales, sharing)]
     if speed_limit is not None:
-        violation = SpeedViolation(scales, speed_limit)
-        floor = SPEED_BUFFER**2 / 2
-        requirements.append(PrivateRequirement(violation, floor=floor, name="speed"))
+        margins = SpeedMargins(scales, speed_limit)
+        requirements.append(PrivateRequirement(margins, SPEED_BUFFER, name="speed"))
     return DecoupledGuidance(tuple(requirements))
 
 

@@ -1,7 +1,7 @@
 """The bridge field's training run: demonstrations in, weights with their card out."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -11,9 +11,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from deggflow.files import StrPath
 from deggflow.flow import Field, LinearPath
 from deggflow.jsonl import InputError
-from deggflow.train import Curve, TrainingConfig, train
+from deggflow.train import Curve, TrainingConfig, run_segments, train
 from deggflow.weights import save_weights
 
 from .codec import decode_twists
@@ -57,34 +58,44 @@ def training_loss(scales: Scales) -> Callable[..., Float[Array, ""]]:
 
 
 def train_field(
-    data: Path,
-    out: Path,
+    data: StrPath,
+    out: StrPath,
     config: TrainingConfig,
     on_progress: Callable[[Curve], None] = lambda curve: None,
 ) -> eqx.Module:
-    """Trains, or completes a killed run, and writes `field.safetensors` with its card `field.json`."""
+    """Trains, completes a killed run or extends a finished one; writes `field.safetensors` and its card `field.json`.
+
+    Args:
+        data: Folder with `training.jsonl` and `validation.jsonl`.
+        out: Folder of the run, as `deggflow.train.train` keeps it.
+        config: Settings; more steps than a finished run has extend it.
+        on_progress: Called at each point of the curves.
+
+    Raises:
+        InputError: The data are not as they should be, or `out` holds a run on other data.
+    """
+    data, out = Path(data), Path(out)
     training, scales = load_dataset(data / "training.jsonl", None, shake=True)
     validation, _ = load_dataset(data / "validation.jsonl", scales, shake=True)
     if training.mask.shape[1] != validation.mask.shape[1]:
         raise InputError("training and validation trials differ in size", file=data)
     field = BridgeField(scales, key=jax.random.key(config.seed))
-    recipe = _recipe(data)
     trained, curves = train(
         field,
         training,
         validation,
         config,
         out,
-        identity={"task": "bridge", "data": recipe},
         loss=training_loss(scales),
         on_progress=on_progress,
     )
+    recipe, segments = _recipe(data), run_segments(out)
     card = {
         "task": "bridge",
         "parameters": sum(leaf.size for leaf in jax.tree.leaves(eqx.filter(trained, eqx.is_array))),
         "data": {**recipe, "windows": len(training.mask)},
-        "training": asdict(config),
-        "commands": commands(recipe, config),
+        "training": asdict(config) | ({"segments": segments} if segments[1:] else {}),
+        "commands": commands(recipe, config, segments),
         "loss": "L_MAC + 0.16 L_motion + 0.45 L_twist, tau ~ Unif[0, 1], z(0) ~ N(0, I)",
         "figures": {"training_loss": curves[-1].training, "validation_loss": curves[-1].validation},
         "scales": scales._asdict(),
@@ -102,13 +113,18 @@ def _recipe(data: Path) -> dict[str, Any]:
     return recipe
 
 
-def commands(recipe: dict[str, Any], config: TrainingConfig) -> list[str]:
-    """What a user types to train these weights again."""
+def commands(
+    recipe: dict[str, Any], config: TrainingConfig, segments: Sequence[int] = ()
+) -> list[str]:
+    """What a user types to train these weights again; `segments` as `run_segments`, one of `config.steps` if not given."""
     made = " ".join(
         f"--{name} {recipe[name]}" for name in ("training", "validation", "seed") if name in recipe
     )
     return [
         f"deggflow bridge data --out data {made}",
-        f"deggflow bridge train --data data --out run --steps {config.steps} --batch {config.batch} "
-        f"--learning-rate {config.learning_rate} --seed {config.seed}",
+        *(
+            f"deggflow bridge train --data data --out run --steps {steps} --batch {config.batch} "
+            f"--learning-rate {config.learning_rate} --seed {config.seed}"
+            for steps in segments or (config.steps,)
+        ),
     ]

@@ -8,9 +8,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from deggflow.blocks import padded_batch
 from deggflow.certificate import Certificate
 from deggflow.jsonl import InputError, ResumableOutput
-from deggflow.redraw import Candidate, draw, padded_batch
+from deggflow.redraw import Candidate, redraw_until_satisfied
 from deggflow.train import Dataset
 
 from .changes import random_conditions
@@ -18,9 +19,9 @@ from .codec import Pose, decode_exactly, encode
 from .condition import SceneCondition, padded_size, take, to_arrays
 from .formats import read_scenes
 from .relax import relaxed_scenes
-from .scene import Scene
+from .scene import Scene, finished
 from .symmetry import wrap
-from .verdict import Poses, judge
+from .verdict import judge
 
 CHUNK = 512  # scenes relaxed at once
 MAX_ATTEMPTS = 50  # random arrangements tried for one scene
@@ -38,8 +39,8 @@ class Recipe(NamedTuple):
 
 
 def _attempt(
-    conditions: Sequence[SceneCondition], keys: jax.Array, number: int, recipe: Recipe
-) -> list[Candidate[Poses]]:
+    conditions: Sequence[SceneCondition], keys: jax.Array, number: int, recipe: Recipe, seed: int
+) -> list[Candidate[Scene]]:
     arrays = to_arrays(conditions)
     index = np.resize(np.arange(len(conditions)), padded_batch(len(conditions)))
     drawn = jax.vmap(lambda key: jax.random.fold_in(key, number))(keys)
@@ -48,12 +49,12 @@ def _attempt(
     for poses in kept:
         poses[:, 2] = np.asarray(wrap(jnp.asarray(poses[:, 2])))
     out = []
-    for p, verdict in zip(kept, judge(conditions, kept), strict=True):
+    for condition, poses, verdict in zip(conditions, kept, judge(conditions, kept), strict=True):
         roomy = verdict.min_margin >= recipe.spare
         reason = None if roomy else f"less than {recipe.spare} m to spare"
-        out.append(
-            Candidate(p, Certificate(roomy, verdict.min_margin, verdict.violation, 1, reason))
-        )
+        certificate = Certificate(roomy, verdict.min_margin, verdict.violation, 1, reason)
+        scene = Scene(condition, poses, certificate, seed)
+        out.append(Candidate(scene, roomy, verdict.min_margin))
     return out
 
 
@@ -62,22 +63,19 @@ def make_scenes(size: int, first: int, count: int, recipe: Recipe, seed: int) ->
     conditions = random_conditions(size, count, "default", seed, first)
     root = jax.random.fold_in(jax.random.key(seed), size)
     keys = jax.vmap(lambda k: jax.random.fold_in(root, k))(np.arange(first, first + count))
-    drawn = draw(
+    drawn = redraw_until_satisfied(
         lambda index, number: _attempt(
-            [conditions[k] for k in index], keys[np.asarray(index)], number, recipe
+            [conditions[k] for k in index], keys[np.asarray(index)], number, recipe, seed
         ),
         count,
         MAX_ATTEMPTS,
     )
-    if not all(candidate.certificate.satisfied for candidate in drawn):
+    if not all(each.satisfied for each in drawn):
         raise InputError(
             f"no arrangement of {size} objects with {recipe.spare} m to spare in {MAX_ATTEMPTS} "
             "attempts; ask for less clearance"
         )
-    return [
-        Scene(c, candidate.sample, candidate.certificate, seed)
-        for c, candidate in zip(conditions, drawn, strict=True)
-    ]
+    return finished(drawn)
 
 
 def write_data(

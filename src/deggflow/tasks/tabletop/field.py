@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from deggflow.field import MessagePassingField, TeamFeatures, stack_features
+from deggflow.files import StrPath
 from deggflow.weights import load_card, load_weights
 
 from .codec import decode, place
@@ -103,13 +104,13 @@ def shipped_weights() -> Path:
     return Path(str(files("deggflow.tasks.tabletop"))) / "weights" / "field.safetensors"
 
 
-def load_field(path: Path | None = None) -> MessagePassingField:
+def load_field(path: StrPath | None = None) -> MessagePassingField:
     """A trained field from a safetensors file and its card; the shipped one if no path is given.
 
     Raises:
         ValueError: The card or the weights are not those of a tabletop field.
     """
-    path = shipped_weights() if path is None else path
+    path = shipped_weights() if path is None else Path(path)
     size = load_card(path).get("architecture")
     if not isinstance(size, dict) or set(size) != set(ARCHITECTURE):
         raise ValueError(f"{path.with_suffix('.json')}: `architecture` must give {ARCHITECTURE}.")

@@ -11,11 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from deggflow.blocks import padded_batch
 from deggflow.deviation import squared_distances, wasserstein
 from deggflow.flow import Field
 from deggflow.generation import DEFAULT_STEPS, generate_batch
 from deggflow.guidance import AbstractGuidance, NoGuidance
-from deggflow.redraw import padded_batch
+from deggflow.redraw import Candidate, redraw_until_satisfied
 from deggflow.rivals import DualFlow, predict_then_correct
 from deggflow.statistics import Rate
 from deggflow.step_guard import StepGuard
@@ -69,6 +70,12 @@ class Cases(NamedTuple):
     def size(self) -> int:
         """Objects of each scene."""
         return len(self.conditions[0].objects)
+
+
+class _Sample(NamedTuple):
+    z: Float[np.ndarray, "objects 3"]
+    verdict: Verdict
+    finite: bool
 
 
 class _Samples(NamedTuple):
@@ -162,20 +169,19 @@ def in_words(knob: Knob) -> str:
 
 def _until_satisfied(field: Field, way: Way, cases: Cases) -> _Samples:
     """One draw of every case; of those that fail, further ones if the way allows it."""
-    pending = np.arange(len(cases.conditions))
-    first = _generate(field, way, cases, pending, 0)
-    z, verdicts, finite = first.z.copy(), list(first.verdicts), list(first.finite)
-    seconds, draws = first.seconds, first.draws
-    for number in range(1, way.draws):
-        pending = np.array([k for k in pending if not verdicts[k].satisfied], int)
-        if not len(pending):
-            break
-        again = _generate(field, way, cases, pending, number)
-        seconds, draws = seconds + again.seconds, draws + again.draws
-        for k, number_of in enumerate(pending):
-            z[number_of], verdicts[number_of] = again.z[k], again.verdicts[k]
-            finite[number_of] = again.finite[k]
-    return _Samples(z, verdicts, finite, seconds, draws)
+    seconds, draws = 0.0, 0
+
+    def attempt(pending: Sequence[int], number: int) -> list[Candidate[_Sample]]:
+        nonlocal seconds, draws
+        made = _generate(field, way, cases, np.asarray(pending), number)
+        seconds, draws = seconds + made.seconds, draws + made.draws
+        each = map(_Sample, made.z, made.verdicts, made.finite)
+        # Of those that are refused the last one stays, as rejection sampling leaves it.
+        return [Candidate(one, one.verdict.satisfied, float(number)) for one in each]
+
+    kept = redraw_until_satisfied(attempt, len(cases.conditions), way.draws)
+    z, verdicts, finite = zip(*(each.sample for each in kept), strict=True)
+    return _Samples(np.stack(z), list(verdicts), list(finite), seconds, draws)
 
 
 def _generate(

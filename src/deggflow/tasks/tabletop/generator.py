@@ -1,7 +1,6 @@
 """Certified scenes from a nominal field: batches, verdicts and redraws."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -11,20 +10,21 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from deggflow.blocks import blocks, side_by_side
-from deggflow.certificate import Certificate, GenerationRecord, record
+from deggflow.blocks import blocks, padded_batch, side_by_side
+from deggflow.certificate import Certificate, GenerationRecord
 from deggflow.flow import Field
 from deggflow.generation import DEFAULT_STEPS, generate, generate_batch, refined_grid
 from deggflow.guidance import AbstractGuidance, DecoupledGuidance, NoGuidance
-from deggflow.redraw import Candidate, draw, padded_batch
+from deggflow.recording import record
+from deggflow.redraw import Candidate, redraw_until_satisfied
 from deggflow.step_guard import StepGuard
-from deggflow.trace import Summary, Trace, summarise
+from deggflow.trace import Summary, Trace
 
 from .codec import decode_exactly
 from .condition import SceneCondition, TabletopCondition, padded_size, take, to_arrays
 from .library import MAX_OBJECTS
 from .requirements import with_balance
-from .scene import Scene
+from .scene import Scene, finished, with_draws
 from .verdict import Poses, judge
 
 MAX_DRAWS = 8
@@ -57,9 +57,11 @@ def _generated(
     guard: StepGuard | None,
     keep_trace: bool,
 ) -> _Drawn:
-    out = generate_batch(field, guidance, noise, condition, grid=grid, guard=guard)
-    summary = jax.vmap(summarise)(out.trace, out.work, condition.mask)
-    return _Drawn(out.z, summary, out.trace if keep_trace else None)
+    out = generate_batch(
+        field, guidance, noise, condition, grid=grid, guard=guard, mask=condition.mask,
+        keep_trace=keep_trace,
+    )  # fmt: skip
+    return _Drawn(out.z, out.summary, out.trace)
 
 
 _program = eqx.filter_jit(_generated)
@@ -96,7 +98,10 @@ def _path_program(
     grid: Float[Array, " points"],
     guard: StepGuard | None,
 ) -> Float[Array, "points agents 3"] | None:
-    return generate(field, guidance, z0, condition, grid=grid, guard=guard, keep_path=True).path
+    return generate(
+        field, guidance, z0, condition, grid=grid, guard=guard, mask=condition.mask,
+        keep_trace=False, keep_path=True,
+    ).path  # fmt: skip
 
 
 def _nobody(number: int, scene: Scene) -> None:
@@ -217,21 +222,16 @@ class TabletopGenerator:
             on_draw: Told of every draw, refused ones too: the scene's number in the run, and the scene as drawn.
         """
 
-        def attempt(index: Sequence[int], number: int) -> list[Candidate[Poses]]:
+        def attempt(index: Sequence[int], number: int) -> list[Candidate[Scene]]:
             wanted = [conditions[k] for k in index]
             numbers = np.add(index, first)
             batch = self.batch(initial_noise(seed, numbers, number), wanted, keep_trace=keep_trace)
-            found = judged(batch, wanted)
-            for one, condition, candidate in zip(numbers, wanted, found, strict=True):
-                certificate = replace(candidate.certificate, draws=number + 1)
-                on_draw(int(one), Scene(condition, candidate.sample, certificate, seed))
+            found = judged(batch, wanted, seed)
+            for one, candidate in zip(numbers, found, strict=True):
+                on_draw(int(one), with_draws(candidate.sample, number + 1))
             return found
 
-        drawn = draw(attempt, len(conditions), max_draws)
-        return [
-            Scene(condition, candidate.sample, candidate.certificate, seed)
-            for condition, candidate in zip(conditions, drawn, strict=True)
-        ]
+        return finished(redraw_until_satisfied(attempt, len(conditions), max_draws))
 
 
 def _alike(conditions: Sequence[SceneCondition]) -> list[Int[np.ndarray, " part"]]:
@@ -248,7 +248,7 @@ def _record(
     return record(summary, guidance.names, objects, trace)
 
 
-def judged(batch: Batch, conditions: Sequence[SceneCondition]) -> list[Candidate[Poses]]:
+def judged(batch: Batch, conditions: Sequence[SceneCondition], seed: int) -> list[Candidate[Scene]]:
     """Every scene of a batch with its certificate."""
     finite = [bool((np.abs(poses) <= MAX_COORDINATE).all()) for poses in batch.poses]
     # A diverged draw has no place on the table; it is judged where nothing fits: beyond the table's corner.
@@ -267,5 +267,6 @@ def judged(batch: Batch, conditions: Sequence[SceneCondition]) -> list[Candidate
         certificate = Certificate(
             verdict.satisfied and finite[k], verdict.min_margin, verdict.violation, 1, reason, made
         )
-        out.append(Candidate(poses[k], certificate))
+        scene = Scene(conditions[k], poses[k], certificate, seed)
+        out.append(Candidate(scene, certificate.satisfied, certificate.min_margin))
     return out

@@ -9,11 +9,12 @@ side as one after the other.
 
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
+
+from deggflow.guidance import AbstractMargins
 
 from .codec import decode, place
 from .condition import Parts, TabletopCondition
@@ -94,21 +95,45 @@ def _to_agents(
     return value[:agents] + extra
 
 
-class HingeViolation(eqx.Module):
-    """V_i = sum_k max(buffer - h_ik, 0)^2 / 2 (paper: Task 2), in m^2.
+class TabletopMargins(AbstractMargins):
+    """The margins of each object, in m: it is apart from others, its regions are free, it and they are on the table.
 
     A separation belongs to both objects, an affordance region and what obstructs it to the region's owner.
-    `V <= buffer^2 / 2` implies that every h_ik >= 0.
+
+    Source: paper, Task 2.
     """
 
-    buffer: float = eqx.field(static=True, default=0.02)  # m, delta^PE
-
     def __call__(
-        self, z: Float[Array, "agents 3 *samples"], condition: TabletopCondition
+        self, z: Float[Array, "agents 3"], condition: TabletopCondition
+    ) -> Float[Array, "agents 4"]:
+        """The least margin of each kind, as `LABELS`; `ABSENT` where there is none."""
+        margins, bodies, regions = (
+            scene_margins(z, condition),
+            condition.primitives.owner,
+            condition.regions.owner,
+        )
+        (first, second), around = ScenePairs.of(condition)
+        none = jnp.full(len(condition.mask), ABSENT, z.dtype)
+        apart = none.at[bodies[first]].min(margins.separation)
+        return jnp.stack(
+            [
+                apart.at[bodies[second]].min(margins.separation),
+                none.at[regions[around.first]].min(margins.unobstructed),
+                none.at[bodies].min(jnp.min(margins.object_wall, axis=0)),
+                none.at[regions].min(jnp.min(margins.region_wall, axis=0)),
+            ],
+            axis=1,
+        )
+
+    def violation(
+        self,
+        z: Float[Array, "agents 3 *samples"],
+        condition: TabletopCondition,
+        buffer: float,
     ) -> Float[Array, "agents *samples"]:
-        """V_i of each agent."""
+        """V_i of each agent, in m^2."""
         hinge = Margins(
-            *(larger(self.buffer - margin, 0.0) ** 2 / 2 for margin in scene_margins(z, condition))
+            *(larger(buffer - margin, 0.0) ** 2 / 2 for margin in scene_margins(z, condition))
         )
         (first, second), regions = ScenePairs.of(condition)
         of_primitives, of_regions = hinge.object_wall.sum(axis=0), hinge.region_wall.sum(axis=0)
@@ -120,8 +145,8 @@ class HingeViolation(eqx.Module):
             of_regions, condition.regions
         )
 
-    def and_gradient(
-        self, z: Float[Array, "agents 3"], condition: TabletopCondition
+    def violation_and_gradient(
+        self, z: Float[Array, "agents 3"], condition: TabletopCondition, buffer: float
     ) -> tuple[Float[Array, " agents"], Float[Array, "agents 3"]]:
         """V_i of each agent, and the gradient of their sum; a batch (by `vmap`) has its samples along the last axis."""
 
@@ -131,7 +156,7 @@ class HingeViolation(eqx.Module):
             def summed(
                 z: Float[Array, "agents 3 *samples"],
             ) -> tuple[Float[Array, ""], Float[Array, "agents *samples"]]:
-                parts = self(z, condition)
+                parts = self.violation(z, condition, buffer)
                 return jnp.sum(parts), parts
 
             gradient, parts = jax.grad(summed, has_aux=True)(z)
@@ -151,18 +176,21 @@ class HingeViolation(eqx.Module):
 
         return one(z, condition)
 
+    def dependence(
+        self, z: Float[Array, "agents 3"], condition: TabletopCondition, buffer: float
+    ) -> Bool[Array, "owners agents"]:
+        """Which agents' states each V_j depends on now: itself, and whoever takes part in an active margin of j."""
+        margins = scene_margins(z, condition)
+        (first, second), (region, obstacle) = ScenePairs.of(condition)
+        identity = jnp.eye(condition.mask.shape[-1])
+        owner = jnp.concatenate([identity, condition.primitives.extra_owner])
+        of_region = jnp.concatenate([identity, condition.regions.extra_owner])
+        beside = (margins.separation < buffer)[:, None] * owner[first]
+        active = beside.T @ owner[second]
+        blocked = (margins.unobstructed < buffer)[:, None] * of_region[region]
+        active = active + active.T + blocked.T @ owner[obstacle]
+        return (active > 0.0) | jnp.eye(len(active), dtype=bool)
 
-def dependence(
-    z: Float[Array, "agents 3"], condition: TabletopCondition, buffer: float
-) -> Bool[Array, "owners agents"]:
-    """Which agents' states each V_j depends on now: itself, and whoever takes part in an active margin of j."""
-    margins = scene_margins(z, condition)
-    (first, second), (region, obstacle) = ScenePairs.of(condition)
-    identity = jnp.eye(condition.mask.shape[-1])
-    owner = jnp.concatenate([identity, condition.primitives.extra_owner])
-    of_region = jnp.concatenate([identity, condition.regions.extra_owner])
-    beside = (margins.separation < buffer)[:, None] * owner[first]
-    active = beside.T @ owner[second]
-    blocked = (margins.unobstructed < buffer)[:, None] * of_region[region]
-    active = active + active.T + blocked.T @ owner[obstacle]
-    return (active > 0.0) | jnp.eye(len(active), dtype=bool)
+
+LABELS = ("apart from others", "regions free", "on the table", "regions on the table")
+TABLETOP = TabletopMargins()

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
 
 from .codec import ANGLE_SCALE
 from .condition import TabletopCondition
-from .margins import HingeViolation, least_margin
+from .margins import TABLETOP, least_margin
 
 LEVER_ARM = 0.1  # m, turns metres into radians when positions and headings share one step size
 STEP = 0.2  # of the preconditioned gradient
@@ -25,11 +25,10 @@ def relax(
     z: Float[Array, "agents 3"], condition: TabletopCondition, clearance: float
 ) -> Float[Array, "agents 3"]:
     """Gradient steps on the violation with a buffer of `clearance` m, one scene."""
-    violation = HingeViolation(clearance)
     scale = jnp.stack(
         [condition.half_width, condition.half_depth, jnp.asarray(ANGLE_SCALE * LEVER_ARM)]
     )
-    gradient = jax.grad(lambda state: violation(state, condition).sum())
+    gradient = jax.grad(lambda state: TABLETOP.violation(state, condition, clearance).sum())
 
     def step(_: Int[Array, ""], state: Float[Array, "agents 3"]) -> Float[Array, "agents 3"]:
         return state - STEP * gradient(state) / scale[None] ** 2

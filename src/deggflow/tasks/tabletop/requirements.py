@@ -1,7 +1,6 @@
 """The tabletop's guidance: private affordance requirements, and a shared one on the centre of mass."""
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import jax.numpy as jnp
@@ -9,7 +8,9 @@ from jaxtyping import Array, Float
 
 from deggflow.guidance import (
     AbstractAllocation,
+    AbstractSchedule,
     DecoupledGuidance,
+    LinearSchedule,
     Local,
     Own,
     Pooled,
@@ -22,15 +23,40 @@ from deggflow.guidance import (
 
 from .codec import Pose, decode
 from .condition import TabletopCondition
-from .margins import HingeViolation, dependence
+from .margins import LABELS, TABLETOP
 from .verdict import BUFFER
 
-OWN, POOLED = Own(), Pooled()
-LOCAL = Local(partial(dependence, buffer=BUFFER))
+OWN, POOLED, LOCAL = Own(), Pooled(), Local()
 INSIDE = 0.98  # of the circle's radius is what guidance aims at: the rest pays for rounding
 RECOVERY = 40.0  # gain of alpha above the bound
 
 FactorValue = Callable[[Float[Array, ""], Float[Array, "agents 3"], Any], Float[Array, ""]]
+
+
+def affordance(
+    allocation: AbstractAllocation = POOLED,
+    *,
+    buffer: float = BUFFER,
+    reanchored: bool = True,
+    omega: AbstractSchedule | None = None,
+) -> PrivateRequirement:
+    """Every object apart from the others, its regions free, all of it on the table.
+
+    Args:
+        allocation: `OWN` (the paper's), `POOLED` or `LOCAL`.
+        buffer: delta^PE, m.
+        reanchored: Take c afresh from the present violation instead of V(0).
+        omega: When violations are brought down; the paper's schedule if None.
+    """
+    return PrivateRequirement(
+        TABLETOP,
+        buffer,
+        allocation=allocation,
+        reanchored=reanchored,
+        omega=LinearSchedule() if omega is None else omega,
+        name="affordance",
+        margin_labels=LABELS,
+    )
 
 
 def tabletop_guidance(
@@ -42,14 +68,7 @@ def tabletop_guidance(
         allocation: `OWN` (the paper's), `POOLED` or `LOCAL`.
         reanchored: Take c afresh from the present violation instead of V(0).
     """
-    requirement = PrivateRequirement(
-        violation=HingeViolation(BUFFER),
-        allocation=allocation,
-        reanchored=reanchored,
-        floor=BUFFER**2 / 2,
-        name="affordance",
-    )
-    return DecoupledGuidance((requirement,))
+    return DecoupledGuidance((affordance(allocation, reanchored=reanchored),))
 
 
 def imbalance(
@@ -66,14 +85,22 @@ def imbalance_of(
     mass = masses / jnp.sum(masses)
     x, y = jnp.sum(mass * pose.x), jnp.sum(mass * pose.y)
     x0, y0, radius = circle
-    return (((x - x0) ** 2 + (y - y0) ** 2) / (INSIDE * radius) ** 2 - 1) / 2
+    return (((x - x0) ** 2 + (y - y0) ** 2) / radius**2 - 1) / 2
 
 
 def balance_of(value: FactorValue) -> SharedRequirements:
     """The shared requirement that keeps q below zero at the end."""
     bound = TighteningBound(least=0.0)
     return SharedRequirements(
-        (SharedFactor(value, bound, alpha=Recovering(RECOVERY), name="balance"),)
+        (
+            SharedFactor(
+                value,
+                bound,
+                alpha=Recovering(RECOVERY),
+                buffer=(1 - INSIDE**2) / 2,  # q where the centre of mass is at INSIDE of the radius
+                name="balance",
+            ),
+        )
     )
 
 

@@ -13,7 +13,6 @@ from deggflow.guidance import (
     LinearSchedule,
     NoGuidance,
     PowerSchedule,
-    PrivateRequirement,
 )
 from deggflow.rivals import (
     DualFlow,
@@ -25,8 +24,8 @@ from deggflow.rivals import (
 from deggflow.step_guard import StepGuard
 
 from .condition import TabletopCondition
-from .margins import HingeViolation, scene_margins
-from .requirements import LOCAL, OWN, POOLED
+from .margins import TABLETOP, scene_margins
+from .requirements import LOCAL, OWN, POOLED, affordance
 from .verdict import BUFFER
 
 COLUMNS = 32  # of multipliers per object; hold all constraints of every padded size
@@ -81,14 +80,8 @@ def _number(knob: Knob, name: str) -> Float[Array, ""]:
 def _ours(allocation: AbstractAllocation, *, reanchored: bool) -> Callable[[Knob], Way]:
     def make(knob: Knob) -> Way:
         buffer, power = knob["buffer"], knob["power"]
-        requirement = PrivateRequirement(
-            violation=HingeViolation(buffer),
-            allocation=allocation,
-            reanchored=reanchored,
-            omega=LinearSchedule() if power == 1 else PowerSchedule(power),
-            floor=buffer**2 / 2,
-            name="affordance",
-        )
+        omega = LinearSchedule() if power == 1 else PowerSchedule(power)
+        requirement = affordance(allocation, buffer=buffer, reanchored=reanchored, omega=omega)
         return Way(DecoupledGuidance((requirement,)), StepGuard())
 
     return make
@@ -116,8 +109,14 @@ def _projected(knob: Knob) -> Way:
     return Way(EndpointProjection(flat_margins, iterations, start, AHEAD))
 
 
+def _violation(
+    z: Float[Array, "agents 3"], condition: TabletopCondition
+) -> Float[Array, " agents"]:
+    return TABLETOP.violation(z, condition, BUFFER)
+
+
 def _penalty(knob: Knob) -> Way:
-    return Way(PenaltyGradient(HingeViolation(BUFFER), _number(knob, "gain")))
+    return Way(PenaltyGradient(_violation, _number(knob, "gain")))
 
 
 def _split(knob: Knob) -> Way:

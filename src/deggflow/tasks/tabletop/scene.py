@@ -1,12 +1,14 @@
 """A finished scene and its line in a file (format: JSON Lines, SI units, radians)."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from deggflow.certificate import Certificate
+from deggflow.redraw import Drawn
 
 from .condition import SceneCondition
 from .verdict import Verdict, judge
@@ -37,3 +39,13 @@ class Scene:
             "certificate": self.certificate.to_json(),
             "seed": self.seed,
         }
+
+
+def finished(drawn: Sequence[Drawn[Scene]]) -> list[Scene]:
+    """Scenes whose certificates count their draws."""
+    return [with_draws(each.sample, each.draws) for each in drawn]
+
+
+def with_draws(scene: Scene, draws: int) -> Scene:
+    """A scene of the last of so many draws."""
+    return replace(scene, certificate=replace(scene.certificate, draws=draws))

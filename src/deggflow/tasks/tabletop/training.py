@@ -1,7 +1,7 @@
 """The tabletop field's training run: data in, weights with their card out."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -9,8 +9,9 @@ from typing import Any
 import equinox as eqx
 import jax
 
+from deggflow.files import StrPath
 from deggflow.jsonl import InputError
-from deggflow.train import Curve, TrainingConfig, train
+from deggflow.train import Curve, TrainingConfig, run_segments, train
 from deggflow.weights import save_weights
 
 from .data import load_dataset
@@ -19,37 +20,48 @@ from .symmetry import random_symmetry
 
 
 def train_field(
-    data: Path,
-    out: Path,
+    data: StrPath,
+    out: StrPath,
     config: TrainingConfig,
     architecture: dict[str, int],
     on_progress: Callable[[Curve], None] = lambda curve: None,
 ) -> eqx.Module:
-    """Trains, or completes a killed run, and writes `field.safetensors` with its card `field.json`."""
+    """Trains, completes a killed run or extends a finished one; writes `field.safetensors` and its card `field.json`.
+
+    Args:
+        data: Folder with `training.jsonl` and `validation.jsonl`.
+        out: Folder of the run, as `deggflow.train.train` keeps it.
+        config: Settings; more steps than a finished run has extend it.
+        architecture: `width`, `rounds` and `head_width` of the field.
+        on_progress: Called at each point of the curves.
+
+    Raises:
+        InputError: The data are not as they should be, or `out` holds a run on other data or of another field.
+    """
+    data, out = Path(data), Path(out)
     training = load_dataset(data / "training.jsonl")
     validation = load_dataset(data / "validation.jsonl")
     if training.mask.shape[1] != validation.mask.shape[1]:
         raise InputError("training and validation scenes differ in size", file=data)
     field = build_field(jax.random.key(config.seed), **architecture)
-    # A folder holds one run: the same size of field on the same data.
-    recipe = _recipe(data)
     trained, curves = train(
         field,
         training,
         validation,
         config,
         out,
-        identity={"architecture": architecture, "data": recipe},
+        identity={"architecture": architecture},  # refused by these names, not by those of arrays
         augment=random_symmetry,
         on_progress=on_progress,
     )
+    recipe, segments = _recipe(data), run_segments(out)
     card = {
         "task": "tabletop",
         "architecture": architecture,
         "parameters": sum(leaf.size for leaf in jax.tree.leaves(eqx.filter(trained, eqx.is_array))),
         "data": recipe,
-        "training": asdict(config),
-        "commands": _commands(recipe, config, architecture),
+        "training": asdict(config) | ({"segments": segments} if segments[1:] else {}),
+        "commands": _commands(recipe, config, architecture, segments),
         "loss": "L_MAC, tau ~ Unif[0, 1], z(0) ~ N(0, I), the table's four symmetries drawn at random",
         "figures": {"training_loss": curves[-1].training, "validation_loss": curves[-1].validation},
     }
@@ -67,14 +79,16 @@ def _recipe(data: Path) -> dict[str, Any]:
 
 
 def _commands(
-    recipe: dict[str, Any], config: TrainingConfig, architecture: dict[str, int]
+    recipe: dict[str, Any],
+    config: TrainingConfig,
+    architecture: dict[str, int],
+    segments: Sequence[int],
 ) -> list[str]:
     """What a user types to train these weights again."""
     made = ("training", "validation", "clearance", "seed")
     options = {
         "data": {name: recipe[name] for name in made if name in recipe},
         "train": {
-            "steps": config.steps,
             "batch": config.batch,
             "learning-rate": config.learning_rate,
             "seed": config.seed,
@@ -87,5 +101,8 @@ def _commands(
     }
     return [
         f"deggflow tabletop data --out data {words['data']}",
-        f"deggflow tabletop train --data data --out run {words['train']}",
+        *(
+            f"deggflow tabletop train --data data --out run --steps {steps} {words['train']}"
+            for steps in segments
+        ),
     ]

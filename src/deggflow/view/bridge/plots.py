@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from deggflow.files import write_atomically
+from deggflow.files import StrPath, write_atomically
 from deggflow.tasks.bridge.world import GAP_LEFT, GAP_RIGHT, Y_MIN
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ class PathGroup(NamedTuple):
 
 
 def draw_bounds(
-    path: Path | str,
+    path: StrPath,
     panels: Sequence[BoundPanel],
     *,
     ylabel: str = r"$q_\mathrm{task}$",
@@ -92,7 +92,7 @@ def bounds_figure(
     return figure
 
 
-def draw_paths(path: Path | str, groups: Sequence[PathGroup]) -> None:
+def draw_paths(path: StrPath, groups: Sequence[PathGroup]) -> None:
     """Draws the ways of plank centres from above, over workspace and gap.
 
     Args:

@@ -3,13 +3,13 @@
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
 from itertools import groupby
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import UInt8
 from PIL import Image, ImageDraw
 
+from deggflow.files import StrPath
 from deggflow.tasks.bridge.process import TICK, Process, Stage
 from deggflow.view.picture import GREY, fitting, font, panels
 from deggflow.view.stage import Camera, RendererName
@@ -34,7 +34,7 @@ class _Side(NamedTuple):
 
 
 def write_process_video(
-    path: Path | str,
+    path: StrPath,
     process: Process,
     *,
     left: Process | None = None,
@@ -70,7 +70,7 @@ def write_process_video(
         for each in processes:
             stage = open_stage(each, width=width, height=height, camera=camera, renderer=renderer)
             sides.append(_Side(each, opened.enter_context(closing(stage))))
-        encode(Path(path), _frames(sides, titles, on_frame), fps)
+        encode(path, _frames(sides, titles, on_frame), fps)
 
 
 def _frames(

@@ -11,17 +11,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from deggflow.certificate import record
 from deggflow.field import MessagePassingField
 from deggflow.generation import DEFAULT_STEPS, generate, refined_grid
 from deggflow.guidance import (
     AbstractGuidance,
     DecoupledGuidance,
-    LocalPairs,
+    Local,
     NoGuidance,
     PrivateRequirement,
 )
-from deggflow.redraw import Candidate, draw
+from deggflow.recording import record
+from deggflow.redraw import Candidate, redraw_until_satisfied
 from deggflow.step_guard import StepGuard
 from deggflow.tasks.tabletop.condition import SceneCondition
 from deggflow.tasks.tabletop.generator import (
@@ -30,10 +30,11 @@ from deggflow.tasks.tabletop.generator import (
     TabletopGenerator,
     judged,
 )
+from deggflow.tasks.tabletop.margins import LABELS
 from deggflow.tasks.tabletop.requirements import balance_of, imbalance_of
-from deggflow.tasks.tabletop.scene import Scene
+from deggflow.tasks.tabletop.scene import Scene, finished
 from deggflow.tasks.tabletop.verdict import BUFFER, Poses
-from deggflow.trace import Summary, Trace, summarise
+from deggflow.trace import Summary, Trace
 
 from .condition import (
     HallCondition,
@@ -44,7 +45,7 @@ from .condition import (
     to_arrays,
 )
 from .field import hall_field
-from .margins import HallViolation, dependence
+from .margins import HallMargins
 
 HEARD, BESIDE = 32, 12  # neighbours for which field and requirements have room
 CROWDS = (1, 2, 4)  # times that room, tried in turn where it does not do
@@ -58,11 +59,12 @@ SHORTER = 1.3  # steps of a hall to those of a table
 def hall_guidance(slots: int = BESIDE, *, balanced: bool = False) -> DecoupledGuidance:
     """Guidance of a hall: private requirements shared out among neighbours, and the balance if it is asked for."""
     affordance = PrivateRequirement(
-        violation=HallViolation(BUFFER, slots),
-        allocation=LocalPairs(partial(dependence, buffer=BUFFER, slots=slots)),
-        separate=True,
-        floor=BUFFER**2 / 2,
+        HallMargins(slots),
+        BUFFER,
+        allocation=Local(),
+        per_owner_gain=True,
         name="affordance",
+        margin_labels=LABELS,
     )
     return DecoupledGuidance((affordance, BALANCE) if balanced else (affordance,))
 
@@ -82,7 +84,7 @@ class _Drawn(NamedTuple):
 
     z: Float[Array, "agents 3"]
     summary: Summary
-    trace: Trace
+    trace: Trace | None
     path: Float[Array, "points agents 3"] | None
 
 
@@ -94,10 +96,14 @@ def _program(
     condition: HallCondition,
     grid: Float[Array, " points"],
     guard: StepGuard | None,
+    keep_trace: bool,
     keep_path: bool,
 ) -> _Drawn:
-    out = generate(field, guidance, noise, condition, grid=grid, guard=guard, keep_path=keep_path)
-    return _Drawn(out.z, summarise(out.trace, out.work, condition.mask), out.trace, out.path)
+    out = generate(
+        field, guidance, noise, condition, grid=grid, guard=guard, mask=condition.mask,
+        keep_trace=keep_trace, keep_path=keep_path,
+    )  # fmt: skip
+    return _Drawn(out.z, out.summary, out.trace, out.path)
 
 
 @partial(jax.jit, static_argnums=3)
@@ -140,12 +146,11 @@ class HallGenerator:
         Args: as of `TabletopGenerator.scenes`, of one condition and its number in the run.
         """
 
-        def attempt(_: Sequence[int], drawn: int) -> list[Candidate[Poses]]:
+        def attempt(_: Sequence[int], drawn: int) -> list[Candidate[Scene]]:
             batch = self.batch(condition, seed, number, drawn, keep_trace=keep_trace)
-            return judged(batch, [condition])
+            return judged(batch, [condition], seed)
 
-        (made,) = draw(attempt, 1, max_draws)
-        return Scene(condition, made.sample, made.certificate, seed)
+        return finished(redraw_until_satisfied(attempt, 1, max_draws))[0]
 
     def batch(
         self,
@@ -157,11 +162,10 @@ class HallGenerator:
         keep_trace: bool = False,
     ) -> Batch:
         """One draw of one hall."""
-        out = self._draw(condition, seed, number, drawn, keep_path=False)
+        out = self._draw(condition, seed, number, drawn, keep_trace=keep_trace)
         guidance, made = self._guidance(condition), None
         if isinstance(guidance, DecoupledGuidance):
-            kept = out.trace if keep_trace else None
-            made = record(out.summary, guidance.names, condition.objects, kept)
+            made = record(out.summary, guidance.names, condition.objects, out.trace)
         state = np.asarray(out.z)
         return Batch(state[None], [decode_exactly(state, condition)], [made])
 
@@ -172,7 +176,14 @@ class HallGenerator:
         return [decode_exactly(state, condition) for state in np.asarray(out.path)]
 
     def _draw(
-        self, condition: SceneCondition, seed: int, number: int, drawn: int, keep_path: bool
+        self,
+        condition: SceneCondition,
+        seed: int,
+        number: int,
+        drawn: int,
+        *,
+        keep_trace: bool = False,
+        keep_path: bool = False,
     ) -> _Drawn:
         """One draw with room for as many neighbours as there are."""
         arrays = to_arrays(condition, BUFFER)
@@ -180,7 +191,9 @@ class HallGenerator:
         for crowd in CROWDS:
             guidance = self._guidance(condition, crowd)
             field = hall_field(self.field, HEARD * crowd)
-            out = _program(field, guidance, noise, arrays, self.grid, self.guard, keep_path)
+            out = _program(
+                field, guidance, noise, arrays, self.grid, self.guard, keep_trace, keep_path
+            )
             if bool(jnp.isfinite(out.z).all()):
                 break
         return out

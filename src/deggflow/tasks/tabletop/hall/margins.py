@@ -9,8 +9,9 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
+from deggflow.guidance import AbstractMargins, Pairs
 from deggflow.neighbours import Neighbours, find_neighbours
 from deggflow.tasks.tabletop.geometry import (
     RoundedBox,
@@ -24,7 +25,7 @@ from deggflow.tasks.tabletop.margins import ABSENT
 from .condition import HallCondition, HallParts, decode, place
 
 
-class HallMargins(NamedTuple):
+class NeighbourMargins(NamedTuple):
     """Margins of a hall, in m; `ABSENT` where there is none."""
 
     separation: Float[Array, "bodies slots"]  # each pair once
@@ -35,15 +36,9 @@ class HallMargins(NamedTuple):
     around: Neighbours  # of the regions
 
 
-class Pairs(NamedTuple):
-    """Whose violation depends on whom."""
-
-    owner: Int[Array, " pairs"]
-    agent: Int[Array, " pairs"]
-    active: Bool[Array, " pairs"]
-
-
-def hall_margins(z: Float[Array, "agents 3"], condition: HallCondition, slots: int) -> HallMargins:
+def between_neighbours(
+    z: Float[Array, "agents 3"], condition: HallCondition, slots: int
+) -> NeighbourMargins:
     """All margins that can bind at the state z, with room for `slots` neighbours of each part."""
     pose = decode(z, condition)
     bodies, regions = place(condition.bodies, pose), place(condition.regions, pose)
@@ -61,7 +56,7 @@ def hall_margins(z: Float[Array, "agents 3"], condition: HallCondition, slots: i
     )  # fmt: skip
     separation = box_distance(bodies.expand(1), _of_neighbours(bodies, beside))
     free = point_distance(regions.x[:, None], regions.y[:, None], _of_neighbours(bodies, around))
-    return HallMargins(
+    return NeighbourMargins(
         jnp.where(_both(condition.bodies, beside), separation, ABSENT),
         jnp.where(_both(condition.regions, around), free - regions.radius[:, None], ABSENT),
         _walls(bodies, condition.bodies, condition),
@@ -86,24 +81,42 @@ def _walls(
     return jnp.where(parts.valid[None], margins, ABSENT)
 
 
-class HallViolation(eqx.Module):
-    """V_i = sum_k max(buffer - h_ik, 0)^2 / 2 (paper: Task 2), in m^2, of every object of a hall.
+class HallMargins(AbstractMargins):
+    """The margins of each object of a large scene, in m, as of a table.
 
     Not a number where some part has more neighbours than `slots`.
     """
 
-    buffer: float = eqx.field(static=True, default=0.02)  # m, delta^PE
     slots: int = eqx.field(static=True, default=12)
 
     def __call__(
         self, z: Float[Array, "agents 3"], condition: HallCondition
+    ) -> Float[Array, "agents 4"]:
+        """The least margin of each kind; `ABSENT` where there is none near."""
+        margins = between_neighbours(z, condition, self.slots)
+        bodies, regions = condition.bodies.owner, condition.regions.owner
+        none = jnp.full(len(condition.mask), ABSENT, z.dtype)
+        apart = none.at[bodies].min(jnp.min(margins.separation, axis=1))
+        out = jnp.stack(
+            [
+                apart.at[bodies[margins.beside.who]].min(margins.separation),
+                none.at[regions].min(jnp.min(margins.unobstructed, axis=1)),
+                none.at[bodies].min(jnp.min(margins.body_wall, axis=0)),
+                none.at[regions].min(jnp.min(margins.region_wall, axis=0)),
+            ],
+            axis=1,
+        )
+        return jnp.where(margins.beside.missed | margins.around.missed, jnp.nan, out)
+
+    def violation(
+        self, z: Float[Array, "agents 3"], condition: HallCondition, buffer: float
     ) -> Float[Array, " agents"]:
-        """V_i of each agent."""
-        margins = hall_margins(z, condition, self.slots)
+        """V_i = sum_k max(buffer - h_ik, 0)^2 / 2 (paper: Task 2), in m^2, of every object."""
+        margins = between_neighbours(z, condition, self.slots)
         agents = len(condition.mask)
 
         def hinge(margin: Float[Array, "..."]) -> Float[Array, "..."]:
-            return larger(self.buffer - margin, 0.0) ** 2 / 2
+            return larger(buffer - margin, 0.0) ** 2 / 2
 
         between = hinge(margins.separation)
         other = condition.bodies.owner[margins.beside.who]
@@ -120,21 +133,32 @@ class HallViolation(eqx.Module):
         # A separation counts for both objects (twice in V), though each pair is looked at once.
         return jnp.where(missed, jnp.nan, total)
 
+    def violation_and_gradient(
+        self, z: Float[Array, "agents 3"], condition: HallCondition, buffer: float
+    ) -> tuple[Float[Array, " agents"], Float[Array, "agents 3"]]:
+        """By reverse mode."""
 
-def dependence(
-    z: Float[Array, "agents 3"], condition: HallCondition, buffer: float, slots: int
-) -> Pairs:
-    """Which agents' states each V_j depends on now: whoever takes part in an active margin of j, and j itself."""
-    margins = hall_margins(z, condition, slots)
-    owners = condition.bodies.owner
-    near = owners[margins.beside.who].ravel()
-    here = jnp.repeat(owners, slots)
-    region = jnp.repeat(condition.regions.owner, slots)
-    self = jnp.arange(len(condition.mask))
-    touching = (margins.separation < buffer).ravel()
-    blocked = (margins.unobstructed < buffer).ravel()
-    return Pairs(
-        jnp.concatenate([self, here, near, region]),
-        jnp.concatenate([self, near, here, owners[margins.around.who].ravel()]),
-        jnp.concatenate([self >= 0, touching, touching, blocked]),
-    )
+        def total(z: Float[Array, "agents 3"]) -> tuple[Float[Array, ""], Float[Array, " agents"]]:
+            parts = self.violation(z, condition, buffer)
+            return jnp.sum(parts), parts
+
+        gradient, parts = jax.grad(total, has_aux=True)(z)
+        return parts, gradient
+
+    def dependence(
+        self, z: Float[Array, "agents 3"], condition: HallCondition, buffer: float
+    ) -> Pairs:
+        """Which agents' states each V_j depends on now: whoever takes part in an active margin of j, and j itself."""
+        margins = between_neighbours(z, condition, self.slots)
+        owners = condition.bodies.owner
+        near = owners[margins.beside.who].ravel()
+        here = jnp.repeat(owners, self.slots)
+        region = jnp.repeat(condition.regions.owner, self.slots)
+        self_pairs = jnp.arange(len(condition.mask))
+        touching = (margins.separation < buffer).ravel()
+        blocked = (margins.unobstructed < buffer).ravel()
+        return Pairs(
+            jnp.concatenate([self_pairs, here, near, region]),
+            jnp.concatenate([self_pairs, near, here, owners[margins.around.who].ravel()]),
+            jnp.concatenate([self_pairs >= 0, touching, touching, blocked]),
+        )

@@ -1,0 +1,325 @@
+"""Certificates of finished samples, our generations and trajectories made elsewhere."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from .blocks import BATCHES, padded_batch
+from .certificate import Certificate
+from .generation import Generation, check_leading_axis, check_tau
+from .guidance import AbstractRequirement, DecoupledGuidance
+from .judge import PRECISION, Judged, follow, judge_many
+from .recording import agent_names, finite, foreign_record, not_a_number, record, verdicts_of
+from .trace import Summary, Trace
+
+SAME = 1e-3  # of the larger of values and limits: what float32 may make of them in two programs
+
+
+class Trajectory(NamedTuple):
+    """A generation made elsewhere: states at increasing values of tau."""
+
+    tau: Float[np.ndarray, " points"]
+    z: Float[np.ndarray, "points agents dim"]
+
+
+def certify(
+    sample: Generation | Trajectory,
+    requirements: DecoupledGuidance | Sequence[AbstractRequirement],
+    condition: Any = None,
+    *,
+    mask: Bool[Array | np.ndarray, " agents"] | None = None,
+    agents: Sequence[str] | None = None,
+    draws: int = 1,
+    keep_trace: bool = False,
+) -> Certificate:
+    """Checks a finished sample, ours or one made elsewhere, against every one of its requirements.
+
+    The verdict is the conjunction of the requirements' own verdicts on z(1), in float64. Of a `Generation` the record
+    is what guidance reported at every accepted point; a nominal one has none. Of a `Trajectory` the record is made anew:
+    every requirement's value against its limit at every point, and every agent's row with its own
+    velocity (z' - z) / (tau' - tau) in the place of drift and input, which is what explicit Euler steps keep.
+
+    Args:
+        sample: `generate(...)` of one sample, or states at values of tau.
+        requirements: The guidance, or its requirements.
+        condition: What the requirements are conditioned on.
+        mask: Which agents are present; None: all.
+        agents: What to call the agents; "agent 0", ... if None.
+        draws: Number of initial samples tried so far.
+        keep_trace: Also keep the trace in the record.
+
+    Raises:
+        TypeError: `sample` is neither, or a requirement rounds its float64 verdict.
+        ValueError: Shapes do not fit, tau does not increase from 0 to 1, or absent agents change the verdict.
+
+    Example:
+        >>> certificate = certify(generate(field, guidance, z0, condition), guidance, condition)
+        >>> print(certificate.table())
+    """
+    guidance = as_guidance(requirements)
+    if isinstance(sample, Trajectory):
+        return _certify_trajectory(sample, guidance, condition, mask, agents, draws, keep_trace)
+    if not isinstance(sample, Generation):
+        raise TypeError(
+            f"`sample` must be a `Generation` or a `Trajectory(tau, z)`; got {type(sample).__name__}."
+        )
+    if np.ndim(sample.z) != 2:
+        raise ValueError(
+            f"`sample` must be one sample, z of shape (agents, dim); got {np.shape(sample.z)}: use `certify_batch`."
+        )
+    one, present = jax.tree.map(lambda leaf: np.asarray(leaf)[None], (sample, mask))
+    given = jax.tree.map(lambda leaf: leaf[None] if eqx.is_array(leaf) else leaf, _exact(condition))
+    return _certify_generations(one, present, guidance, given, agents, [draws], keep_trace)[0]
+
+
+def certify_batch(
+    samples: Generation,
+    requirements: DecoupledGuidance | Sequence[AbstractRequirement],
+    condition: Any = None,
+    *,
+    mask: Bool[Array | np.ndarray, "samples agents"] | None = None,
+    agents: Sequence[str] | None = None,
+    draws: Sequence[int] | None = None,
+    keep_trace: bool = False,
+) -> list[Certificate]:
+    """`certify` of many samples in one call, as `generate_batch` or a `vmap` of `generate` makes them.
+
+    Args: as of `certify`; every leaf of `samples` and `condition` and `mask` have a leading axis of samples, `draws`
+        has one number for each; `agents` are called the same in all.
+    """
+    guidance = as_guidance(requirements)
+    if not isinstance(samples, Generation) or np.ndim(samples.z) != 3:
+        shape = np.shape(samples.z) if isinstance(samples, Generation) else type(samples).__name__
+        raise ValueError(
+            f"`samples` must be a batch of generations, z of shape (samples, agents, dim); got {shape}."
+        )
+    check_leading_axis(condition, len(samples.z))
+    many, present = jax.tree.map(np.asarray, (samples, mask))
+    tried = [1] * len(samples.z) if draws is None else draws
+    return _certify_generations(
+        many, present, guidance, _exact(condition), agents, tried, keep_trace
+    )
+
+
+def as_guidance(
+    requirements: DecoupledGuidance | Sequence[AbstractRequirement],
+) -> DecoupledGuidance:
+    """Guidance by these requirements, or the guidance that they are."""
+    if isinstance(requirements, DecoupledGuidance):
+        return requirements
+    # One requirement without a tuple is refused by `DecoupledGuidance` itself.
+    given: Any = tuple(requirements) if isinstance(requirements, list) else requirements
+    return DecoupledGuidance(given)
+
+
+def _exact(condition: Any) -> Any:
+    """A condition in numpy, floating-point numbers in float64; what is no array stays as it is."""
+
+    def double(leaf: Any) -> Any:
+        if isinstance(leaf, float):
+            return np.asarray(leaf, np.float64)
+        if not isinstance(leaf, np.ndarray | jax.Array | np.generic):
+            return leaf
+        if jnp.issubdtype(leaf.dtype, jnp.floating):
+            return np.asarray(leaf, np.float64)
+        return leaf if jnp.issubdtype(leaf.dtype, jax.dtypes.extended) else np.asarray(leaf)
+
+    return jax.tree.map(double, condition)
+
+
+def _certify_generations(
+    samples: Generation,
+    mask: Bool[np.ndarray, "samples agents"] | None,
+    guidance: DecoupledGuidance,
+    condition: Any,
+    agents: Sequence[str] | None,
+    draws: Sequence[int],
+    keep_trace: bool,
+) -> list[Certificate]:
+    _check_mask(mask, samples.z.shape[:-1])
+    _check_ends(samples.summary)
+    judged = _judged(guidance, samples.summary.z0, samples.z, condition, mask)
+    out = []
+    for k in range(len(samples.z)):
+        one, said = jax.tree.map(lambda leaf, k=k: leaf[k], (samples, judged))
+        out.append(_certificate(one, said, guidance, agents, draws[k], keep_trace))
+    return out
+
+
+def _judged(
+    guidance: DecoupledGuidance,
+    z0: Any,
+    z: Any,
+    condition: Any,
+    mask: Bool[np.ndarray, "samples agents"] | None,
+) -> Judged:
+    """The verdicts in float64, in batches of the sizes that programs are compiled for; numpy arrays."""
+    arrays, rest = eqx.partition(condition, eqx.is_array)
+    parts = []
+    for begin in range(0, len(z), BATCHES[-1]):
+        count = min(BATCHES[-1], len(z) - begin)
+        index = begin + np.resize(np.arange(count), padded_batch(count))
+        first, last = (np.asarray(each[index], np.float64) for each in (z0, z))
+        given = eqx.combine(jax.tree.map(lambda leaf, i=index: leaf[i], arrays), rest)
+        with jax.enable_x64(True):
+            part = judge_many(guidance, first, last, given, None if mask is None else mask[index])
+        parts.append(jax.tree.map(lambda leaf, n=count: np.asarray(leaf)[:n], part))
+    return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
+
+
+def _check_mask(mask: np.ndarray | None, shape: tuple[int, ...]) -> None:
+    if mask is None:
+        return
+    if mask.dtype != bool or mask.shape != shape:
+        raise ValueError(
+            f"`mask` must be boolean of shape {shape}, True for agents that are present; got {mask.dtype} of {mask.shape}."
+        )
+    if not mask.any(axis=-1).all():
+        raise ValueError("`mask` must leave some agent present; got none.")
+
+
+def _check_ends(summary: Summary) -> None:
+    """A certificate is of whole generations."""
+    first, last = np.asarray(summary.first_tau), np.asarray(summary.last_tau)
+    whole = (first == 0) & (last == 1)
+    if not whole.all():
+        k = int(np.argmin(whole))
+        raise ValueError(
+            f"`sample` must be generated on a grid from tau = 0 to 1; got {first[k]:.6g} to {last[k]:.6g}."
+        )
+    if not np.all(summary.ordered):
+        raise ValueError(
+            "`sample` must be generated on a grid that increases; tau fell from one point to the next."
+        )
+
+
+def _check_leaks(judged: Judged, names: Sequence[str]) -> None:
+    if judged.leaks.any():
+        name = names[int(np.argmax(judged.leaks))]
+        raise ValueError(
+            f"the verdict of {name!r} changes with the states of absent agents: leave them out of its function, by a mask "
+            "in the condition (`distances(z, mask)` does)."
+        )
+
+
+def _certify_trajectory(
+    trajectory: Trajectory,
+    guidance: DecoupledGuidance,
+    condition: Any,
+    mask: Bool[Array | np.ndarray, " agents"] | None,
+    agents: Sequence[str] | None,
+    draws: int,
+    keep_trace: bool,
+) -> Certificate:
+    tau, z = _checked_trajectory(trajectory)
+    present = None if mask is None else np.asarray(mask)
+    _check_mask(present, z.shape[1:2])
+    # Whatever a file made of them: states that are float32 numbers were rounded to such.
+    single = np.array_equal(z.astype(np.float32), z, equal_nan=True)
+    kind = np.dtype(np.float32 if single else np.float64)
+    eps, precision = np.asarray(np.finfo(str(kind)).eps, np.float64), np.asarray(PRECISION[kind])
+    given = _exact(condition)
+    alone = jax.tree.map(lambda leaf: leaf[None] if eqx.is_array(leaf) else leaf, given)
+    with jax.enable_x64(True):
+        made = follow(
+            guidance, tau, z, eps, precision, given, present
+        )  # fmt: skip
+    ends = z[:1], z[-1:], alone, None if present is None else present[None]
+    judged = jax.tree.map(lambda leaf: leaf[0], _judged(guidance, *ends))
+    summary, trace = jax.tree.map(np.asarray, (made.summary, made.trace))
+    tables: Any = (tau, *trace)
+    end: Any = z[-1]
+    sample = Generation(end, summary, Trace(*tables), None)
+    return _certificate(sample, judged, guidance, agents, draws, keep_trace)
+
+
+def _checked_trajectory(
+    trajectory: Trajectory,
+) -> tuple[Float[np.ndarray, " points"], Float[np.ndarray, "points agents dim"]]:
+    tau, z = np.asarray(trajectory.tau), np.asarray(trajectory.z)
+    for name, leaf in (("tau", tau), ("z", z)):
+        if not (np.issubdtype(leaf.dtype, np.floating) or np.issubdtype(leaf.dtype, np.integer)):
+            raise TypeError(f"`{name}` of a trajectory must be real numbers; got {leaf.dtype}.")
+    if z.ndim != 3 or tau.shape != (len(z),) or len(z) < 2:
+        raise ValueError(
+            "a trajectory has at least two points, `tau` of shape (points,) and `z` of shape (points, agents, dim); "
+            f"got {tau.shape} and {z.shape}."
+        )
+    tau, z = tau.astype(np.float64), z.astype(np.float64)
+    check_tau("tau", tau)
+    return tau, z
+
+
+def _certificate(
+    sample: Generation,
+    judged: Judged,
+    guidance: DecoupledGuidance,
+    agents: Sequence[str] | None,
+    draws: int,
+    keep_trace: bool,
+) -> Certificate:
+    """One sample's certificate from what the requirements say of it; numpy arrays."""
+    names, summary = guidance.names, sample.summary
+    _check_leaks(judged, names)
+    verdicts = verdicts_of(judged.margins, guidance, agents)
+    nominal = not summary.value.shape[-1]
+    made = None
+    if not nominal:
+        other = _made_otherwise(sample, judged, names)
+        if other is None:
+            excess = np.maximum(summary.excess, judged.value - judged.limit)
+            excess = np.where(np.isnan(excess), np.inf, excess)
+            exact: Any = {"value": judged.value, "limit": judged.limit, "excess": excess}
+            whole = summary._replace(**exact)
+            made = record(whole, names, agents, sample.trace if keep_trace else None)
+        else:
+            made = foreign_record(summary, other)
+    reason = next(
+        (each.reason for each in sorted(verdicts, key=lambda each: each.margin) if each.reason),
+        None,
+    )
+    if reason is not None and bool(summary.not_a_number):
+        called = agent_names(agents, summary.stuck.shape[-1])
+        rows = names if not nominal else ()
+        reason = f"{reason}; {not_a_number(summary.nan, rows, called)}"
+    violation = sum(
+        value if np.ndim(margin) else max(-margin, 0.0)
+        for value, margin in zip(judged.value, judged.margins, strict=True)
+    )
+    least = min(each.margin for each in verdicts)
+    return Certificate(reason is None, least, finite(violation), draws, reason, made, verdicts)
+
+
+def _made_otherwise(sample: Generation, judged: Judged, names: Sequence[str]) -> str | None:
+    """How a generation's summary contradicts these requirements or the sample; None if it does not."""
+    summary = sample.summary
+    if summary.value.shape != judged.value.shape:
+        count = f"{summary.value.shape[-1]} requirements, here are {len(names)}"
+        return f"the sample was generated under other requirements: {count}"
+    if not np.array_equal(np.asarray(sample.z), np.asarray(summary.z), equal_nan=True):
+        return "z is not the end of its generation"
+    pairs = (
+        ("the value at tau = 0", summary.first_value, judged.first_value),
+        ("the limit at tau = 0", summary.first_limit, judged.first_limit),
+        ("the value at tau = 1", summary.value, judged.value),
+        ("the limit at tau = 1", summary.limit, judged.limit),
+    )
+    scale = np.max([np.abs(np.nan_to_num(each)) for _, *two in pairs for each in two], axis=0)
+    least = (
+        1e-5 * np.nan_to_num(np.abs(summary.z)).max()
+    ) ** 2  # V of rounded states that meet h = buffer
+    for what, was, here in pairs:
+        # What is not a number, or beyond float32, is told as such.
+        same = (np.abs(was - here) <= SAME * scale + least) | ~np.isfinite(was)
+        if not same.all():
+            row = int(np.argmin(same))
+            return (
+                f"the sample was generated under other requirements: {what} of {names[row]} was "
+                f"{was[row]:.3g}, here it is {here[row]:.3g}"
+            )
+    return None

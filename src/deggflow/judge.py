@@ -1,0 +1,184 @@
+"""The compiled part of certificates: what requirements say of finished samples in float64."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from .guidance import DecoupledGuidance, GuidanceReport
+from .guidance.decoupled import least_sine, not_finite
+from .guidance.requirement import Rows
+from .trace import Kept, Point, Summary, add_point, empty_summary, kept
+
+PRECISION = {np.dtype(np.float32): 1e-5, np.dtype(np.float64): 1e-9}
+"""Of |ell| |dz/dtau| + |b|, by the type in which states were computed: rows met as closely are met."""
+TINY = 1e-300
+NEAR = 1e-5  # of 1 + |z|: either side of a point at which a requirement's gradient is looked at
+UNSMOOTH = 0.5  # by which the jump of a slope shrinks at most where there is a kink, as `NEAR` is quartered
+
+
+class Judged(NamedTuple):
+    """One finished sample, by the requirements themselves."""
+
+    margins: tuple[Float[Array, "..."], ...]  # as `AbstractRequirement.margins_at_end`
+    value: Float[Array, " rows"]  # V or q at tau = 1
+    limit: Float[Array, " rows"]  # what they may be there
+    first_value: Float[Array, " rows"]  # at z(0)
+    first_limit: Float[Array, " rows"]
+    leaks: Bool[Array, " rows"]  # whether the states of absent agents change the verdict
+
+
+def judge(
+    guidance: DecoupledGuidance,
+    z0: Float[Array, "agents dim"],
+    z: Float[Array, "agents dim"],
+    condition: Any,
+    mask: Bool[Array, " agents"] | None,
+) -> Judged:
+    """The verdict on z(1), and what a generation under these requirements began and ended with."""
+    margins = guidance.margins_at_end(z, condition, mask)
+    leaks = jnp.zeros(len(guidance.names), bool)
+    if mask is not None:
+        # Absent agents somewhere else: nothing that is said of the others may change.
+        steps = 1.0 + jnp.arange(z.size, dtype=z.dtype).reshape(z.shape) / z.size
+        elsewhere = jnp.where(mask[:, None], z, steps * (1.0 + jnp.max(jnp.abs(z))))
+        moved = guidance.margins_at_end(elsewhere, condition, mask)
+        leaks = jnp.stack([
+            jnp.any(~((a == b) | (jnp.isnan(a) & jnp.isnan(b))))
+            for a, b in zip(margins, moved, strict=True)
+        ])  # fmt: skip
+    zero, one = jnp.zeros((), z.dtype), jnp.ones((), z.dtype)
+    state = guidance.init(z0, condition, mask)
+    first = guidance.rows(state, zero, z0, jnp.zeros_like(z0), condition, mask)
+    last = guidance.rows(state, one, z, jnp.zeros_like(z), condition, mask)
+    return Judged(margins, last.value, last.limit, first.value, first.limit, leaks)
+
+
+@eqx.filter_jit
+def judge_many(
+    guidance: DecoupledGuidance,
+    z0: Float[Array | np.ndarray, "samples agents dim"],
+    z: Float[Array | np.ndarray, "samples agents dim"],
+    condition: Any,
+    mask: Bool[Array | np.ndarray, "samples agents"] | None,
+) -> Judged:
+    """The same of a batch; arrays of `condition` have a leading axis of samples."""
+    arrays, rest = eqx.partition(condition, eqx.is_array)
+    starts, ends = jnp.asarray(z0), jnp.asarray(z)
+    present = None if mask is None else jnp.asarray(mask)
+
+    def one(z0: Array, z: Array, arrays: Any, mask: Array | None) -> Judged:
+        return judge(guidance, z0, z, eqx.combine(arrays, rest), mask)
+
+    return jax.vmap(one)(starts, ends, arrays, present)
+
+
+class Followed(NamedTuple):
+    """A trajectory made elsewhere, as guidance would have reported it."""
+
+    summary: Summary
+    trace: Kept
+
+
+@eqx.filter_jit
+def follow(
+    guidance: DecoupledGuidance,
+    tau: Float[Array | np.ndarray, " points"],
+    z: Float[Array | np.ndarray, "points agents dim"],
+    eps: Float[Array | np.ndarray, ""],
+    precision: Float[Array | np.ndarray, ""],
+    condition: Any,
+    present: Bool[Array | np.ndarray, " agents"] | None,
+) -> Followed:
+    """Every point's values and rows, in which the trajectory's velocity stands for drift and input.
+
+    Args:
+        guidance: Whose requirements.
+        tau: From 0 to 1.
+        z: States.
+        eps: Precision to which states were rounded.
+        precision: Of `PRECISION`: how closely a row has to be met.
+        condition: What the requirements are conditioned on.
+        present: Which agents are present; None: all.
+    """
+    tau, z = jnp.asarray(tau), jnp.asarray(z)
+    mask = None if present is None else jnp.asarray(present)
+    step = jnp.diff(tau)
+    # The last point has no velocity; a standstill asks nothing of it.
+    still = jnp.zeros_like(z[:1])
+    velocity = jnp.concatenate([jnp.diff(z, axis=0) / step[:, None, None], still])
+    # What rounding of an agent's two states can make of its velocity.
+    size = jnp.linalg.norm(z, axis=-1)
+    rounding = eps * (size[:-1] + size[1:]) / step[:, None]
+    rounding = jnp.concatenate([rounding, jnp.zeros_like(size[:1])])
+    state = guidance.init(z[0], condition, mask)
+
+    def at(
+        so_far: Summary, point: tuple[Array, Array, Array, Array, Array]
+    ) -> tuple[Summary, Kept]:
+        tau, z, velocity, rounding, last = point
+        rows = guidance.rows(state, tau, z, velocity, condition, mask)
+        length = jnp.linalg.norm(rows.ell, axis=-1)
+        speed = jnp.linalg.norm(velocity, axis=-1)
+        room = length * (precision * speed + rounding)[None] + precision * jnp.abs(rows.b) + TINY
+        active = (jnp.abs(rows.b) <= room) & (length > 0)
+        report = _report(rows, velocity, rows.b <= room, length, active)
+        flat = jnp.zeros(len(guidance.names), bool)
+        kinks = flat | _kinks(guidance, tau, z, velocity, condition, mask)
+        done = jnp.asarray(True)
+        made = Point(tau, z, report, done, ~done, flat, ~done, kinks & ~last, last)
+        return add_point(so_far, made, mask), kept(report)
+
+    points = jnp.arange(len(tau))
+    start = empty_summary(tau[0], z[0], len(guidance.names))
+    summary, trace = jax.lax.scan(at, start, (tau, z, velocity, rounding, points == len(tau) - 1))
+    work = summary.work._replace(evaluations=jnp.asarray(len(tau)))
+    return Followed(summary._replace(work=work), trace)
+
+
+def _report(
+    rows: Rows,
+    velocity: Float[Array, "agents dim"],
+    met: Bool[Array, "rows agents"],
+    length: Float[Array, "rows agents"],
+    active: Bool[Array, "rows agents"],
+) -> GuidanceReport:
+    agents = len(velocity)
+    nobody, none = jnp.zeros(agents, bool), jnp.zeros(agents, velocity.dtype)
+    return GuidanceReport(
+        value=rows.value, bound=rows.bound, limit=rows.limit, able=met, infeasible=nobody,
+        effort=none, length=jnp.where(active, length, jnp.inf), active=active,
+        sine=least_sine(rows.ell, active), slope=rows.rate, contribution=rows.contribution,
+        drift_nan=not_finite(velocity), value_nan=rows.value_nan,
+        gradient_nan=rows.gradient_nan, input_nan=nobody,
+    )  # fmt: skip
+
+
+def _kinks(
+    guidance: DecoupledGuidance,
+    tau: Float[Array, ""],
+    z: Float[Array, "agents dim"],
+    velocity: Float[Array, "agents dim"],
+    condition: Any,
+    mask: Bool[Array, " agents"] | None,
+) -> Bool[Array, " rows"]:
+    """Requirements whose slope along the trajectory jumps at this very point, however closely one looks.
+
+    The second difference over the step length: it falls with the step where the requirement is smooth.
+    """
+    speed = jnp.sqrt(jnp.sum(velocity**2))
+    along = velocity / jnp.where(speed > 0, speed, 1.0)
+    here = guidance.values(tau, z, condition, mask)
+
+    def jump(near: Array) -> tuple[Array, Array]:
+        ahead = guidance.values(tau, z + near * along, condition, mask)
+        behind = guidance.values(tau, z - near * along, condition, mask)
+        return jnp.abs(ahead + behind - 2 * here) / near, jnp.abs(ahead - behind) / near
+
+    near = NEAR * (1.0 + jnp.sqrt(jnp.sum(z**2)))
+    (wide, _), (close, change) = jump(near), jump(near / 4)
+    clear = close > 1e-3 * change + 1e-9 * (1.0 + jnp.abs(here)) / near * 1e-3
+    return (close > UNSMOOTH * wide) & clear & (speed > 0)

@@ -1,0 +1,17 @@
+"""Training of nominal fields: AdamW, cosine schedule, averaged weights, exact resume after a kill, extension."""
+
+from .folder import read_curves, run_segments
+from .loop import TrainingState, train
+from .settings import Augment, Curve, Dataset, SampleLoss, TrainingConfig
+
+__all__ = [
+    "Augment",
+    "Curve",
+    "Dataset",
+    "SampleLoss",
+    "TrainingConfig",
+    "TrainingState",
+    "read_curves",
+    "run_segments",
+    "train",
+]

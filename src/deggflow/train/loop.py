@@ -1,0 +1,223 @@
+"""The training loop: compiled programs, checkpoints, and what a folder's run goes on with."""
+
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import optax
+import orbax.checkpoint as ocp
+from jaxtyping import Array, Float, Int, PRNGKeyArray
+
+from deggflow.files import StrPath, write_atomically
+from deggflow.flow import mac_loss
+from deggflow.jsonl import InputError, shorten
+
+from .folder import (
+    VERSION,
+    check_same_run,
+    curves_until,
+    read_config,
+    segments_with,
+    write_curves,
+)
+from .identity import description
+from .settings import Augment, Curve, Dataset, SampleLoss, TrainingConfig, check_samples
+
+_VALIDATION_KEY = 2**31 - 1  # folded into the seed's key; no training step reaches it
+
+
+class TrainingState(NamedTuple):
+    """Everything that changes while training; the arrays of a field, not the field."""
+
+    weights: Any
+    averaged: Any
+    optimizer: Any
+    step: Int[Array, ""]
+
+
+def _optimizer(config: TrainingConfig, segments: Sequence[int]) -> optax.GradientTransformation:
+    """AdamW under one warm-up and cosine for each segment; its own count of steps finds the segment."""
+    schedules = [
+        optax.warmup_cosine_decay_schedule(
+            0.0, config.learning_rate, min(config.warmup, steps // 10), steps, end_value=0.0
+        )
+        for steps in (end - start for start, end in pairwise((0, *segments)))
+    ]
+    schedule = optax.join_schedules(schedules, list(segments[:-1]))
+    return optax.chain(
+        optax.clip_by_global_norm(1.0), optax.adamw(schedule, weight_decay=config.weight_decay)
+    )
+
+
+def _averaged(averaged: Any, weights: Any, step: Int[Array, ""], decay: float) -> Any:
+    """The mean of the weights after steps 1 to `step`, those after step k weighed with decay^(step - k).
+
+    It is Adam's debiased average (Kingma and Ba, 2015, sec. 3), written as an update of the quotient itself:
+    the share of the new weights is (1 - decay) / (1 - decay^step), all at the first step.
+    """
+    share = (1 - decay) / -jnp.expm1(step * math.log(decay)) if decay else 1.0
+    return jax.tree.map(
+        lambda old, new: (old + share * (new - old)).astype(old.dtype), averaged, weights
+    )
+
+
+def _batch_loss(
+    field: Any, data: Dataset, key: PRNGKeyArray, loss: SampleLoss, augment: Augment | None
+) -> Float[Array, ""]:
+    def one(key: PRNGKeyArray, x1: Array, condition: Any, mask: Array) -> Float[Array, ""]:
+        tau_key, noise_key, augment_key = jax.random.split(key, 3)
+        if augment is not None:
+            x1 = augment(augment_key, x1, condition)
+        x0 = jax.random.normal(noise_key, x1.shape)
+        return loss(field, jax.random.uniform(tau_key), x0, x1, condition, mask)
+
+    keys = jax.random.split(key, data.z.shape[0])
+    return jnp.mean(jax.vmap(one)(keys, data.z, data.condition, data.mask))
+
+
+def _make_programs(
+    static: Any,
+    config: TrainingConfig,
+    optimizer: optax.GradientTransformation,
+    loss: SampleLoss,
+    augment: Augment | None,
+) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    root = jax.random.key(config.seed)
+
+    def step(data: Dataset, state: TrainingState, _: None) -> tuple[TrainingState, Array]:
+        # The step number alone decides the batch, the noise and tau: resuming repeats nothing.
+        index_key, loss_key = jax.random.split(jax.random.fold_in(root, state.step))
+        index = jax.random.randint(index_key, (config.batch,), 0, data.z.shape[0])
+        batch = jax.tree.map(lambda leaf: leaf[index], data)
+
+        def of_weights(weights: Any) -> Float[Array, ""]:
+            return _batch_loss(eqx.combine(weights, static), batch, loss_key, loss, augment)
+
+        value, gradient = jax.value_and_grad(of_weights)(state.weights)
+        updates, optimizer_state = optimizer.update(gradient, state.optimizer, state.weights)
+        weights = optax.apply_updates(state.weights, updates)
+        averaged = _averaged(state.averaged, weights, state.step + 1, config.average)
+        return TrainingState(weights, averaged, optimizer_state, state.step + 1), value
+
+    @partial(jax.jit, donate_argnums=0)
+    def advance(state: TrainingState, data: Dataset) -> tuple[TrainingState, Float[Array, ""]]:
+        state, losses = jax.lax.scan(partial(step, data), state, None, length=config.validate_every)
+        return state, jnp.mean(losses)
+
+    @jax.jit
+    def validate(state: TrainingState, data: Dataset) -> Float[Array, ""]:
+        field = eqx.combine(state.averaged, static)
+        return _batch_loss(field, data, jax.random.fold_in(root, _VALIDATION_KEY), loss, None)
+
+    return advance, validate
+
+
+def _restored(
+    manager: ocp.CheckpointManager, place: Path, step: int, like: TrainingState
+) -> TrainingState:
+    try:
+        return manager.restore(step, args=ocp.args.StandardRestore(like))
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        first = shorten(str(error).partition("\n")[0], 200)
+        raise InputError(
+            f"the checkpoint can't be read; remove its folder to go on from the one before: {first}",
+            file=place,
+        ) from error
+
+
+def train(
+    field: eqx.Module,
+    training: Dataset,
+    validation: Dataset,
+    config: TrainingConfig,
+    folder: StrPath,
+    *,
+    identity: Mapping[str, Any] | None = None,
+    loss: SampleLoss = mac_loss,
+    augment: Augment | None = None,
+    on_progress: Callable[[Curve], None] = lambda curve: None,
+) -> tuple[eqx.Module, list[Curve]]:
+    """Trains a field, goes on where a killed run in the same folder stopped, or extends a finished one.
+
+    A folder holds one run. `config.json` says which: settings, names of loss and augmentation, the data by content,
+    the field's arrays by dtype and shape and its other parts by value. Whatever differs is refused by name. Functions
+    are told apart by name, not by what they close over: that belongs into `identity`. The content of data is
+    compared to the bit, so data that are computed anew must come out the same.
+
+    A killed run goes on from its last checkpoint, and ends in the same weights to the bit as an uninterrupted one.
+
+    A finished run is extended by more `steps`. The learning rate was zero at its end, so the added steps have a
+    warm-up and a cosine of their own, with the same peak (a warm restart: Loshchilov and Hutter, 2017); weights,
+    moments of AdamW and averaged weights go on from where they were. `segments` in `config.json` lists where each
+    segment ends. 40 steps extended to 80 are another run than 80 steps at once; they are the same run
+    whether killed or not. While a run is not finished, its `steps` can't be changed.
+
+    Averaged weights are the mean of the weights after each step so far, those k steps back weighed with
+    `average`^k: the initial weights have no share.
+
+    Args:
+        field: Decides the architecture, and where a run begins its weights; left as it is.
+        training: Training data, any number of samples.
+        validation: Held-out data, any number of samples.
+        config: Settings.
+        folder: Receives `config.json`, `curves.csv` and checkpoints.
+        identity: What else makes this run this run (JSON values by name), compared like the settings.
+        loss: Loss of one sample, L_MAC by default.
+        augment: Symmetry of the data, applied to x1 with a key and the condition.
+        on_progress: Called at each point of the curves, and with the last one of a run that goes on.
+
+    Raises:
+        InputError: The folder holds another run, or one of an older version, or its files are damaged.
+        ValueError: Data of different numbers of samples, or an identity that JSON does not have.
+
+    Returns:
+        The field with averaged weights, and the curves from the first step on.
+    """
+    folder = Path(folder)
+    path, checkpoints = folder / "config.json", folder / "checkpoints"
+    training, validation = jax.tree.map(jnp.asarray, (training, validation))
+    for name, data in (("training", training), ("validation", validation)):
+        check_samples(name, data)
+    wanted = description(field, training, validation, config, identity or {}, loss, augment)
+    begun = read_config(path)
+    if begun is not None:
+        check_same_run(path, begun, wanted)
+    elif any(checkpoints.glob("*")):
+        raise InputError(
+            "does not exist, and there are checkpoints beside it: whose, can't be told; choose another folder",
+            file=path,
+        )
+    folder.mkdir(parents=True, exist_ok=True)
+    options = ocp.CheckpointManagerOptions(max_to_keep=2, enable_async_checkpointing=False)
+    with ocp.CheckpointManager(checkpoints.resolve(), options=options) as manager:
+        done = manager.latest_step() or 0
+        segments = segments_with(path, begun, config.steps, done)
+        curves = curves_until(folder / "curves.csv", done, config.validate_every)
+        optimizer = _optimizer(config, segments)
+        weights, static = eqx.partition(field, eqx.is_inexact_array)
+        weights = jax.tree.map(jnp.copy, weights)  # the caller's own are not given away
+        averaged = jax.tree.map(jnp.zeros_like, weights)
+        state = TrainingState(weights, averaged, optimizer.init(weights), jnp.asarray(0))
+        if done:
+            state = _restored(manager, checkpoints / str(done), done, state)
+        now = {"version": VERSION, "segments": segments, **wanted}
+        if now != begun:
+            write_atomically(path, json.dumps(now, indent=2) + "\n")
+        advance, validate = _make_programs(static, config, optimizer, loss, augment)
+        for curve in curves[-1:]:
+            on_progress(curve)
+        while int(state.step) < config.steps:
+            state, mean_loss = advance(state, training)
+            held_out = float(validate(state, validation))
+            curves.append(Curve(int(state.step), float(mean_loss), held_out))
+            write_curves(folder / "curves.csv", curves)
+            manager.save(int(state.step), args=ocp.args.StandardSave(state))
+            on_progress(curves[-1])
+    return eqx.combine(state.averaged, static), curves

@@ -1,0 +1,386 @@
+"""What once made a certificate wrong: each case was run, and said "satisfied" or "held" of what was not."""
+
+import re
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from deggflow import (
+    DecoupledGuidance,
+    NoGuidance,
+    PrivateRequirement,
+    SharedFactor,
+    SharedRequirements,
+    StepGuard,
+    TighteningBound,
+    Trajectory,
+    certify,
+    certify_batch,
+    distances,
+    generate,
+    generate_batch,
+    refined_grid,
+    safe_norm,
+)
+
+BUFFER = 0.02
+
+
+def gather(tau, z, condition):
+    """Everybody to one point."""
+    return (jnp.array([[0.4, 0.1]], z.dtype) - z) * 2.0
+
+
+def far(z, condition):
+    return distances(z) - 0.3
+
+
+def mean_x(tau, z, condition):
+    return jnp.mean(z[:, 0])
+
+
+def still(tau, z, condition):
+    return jnp.zeros_like(z)
+
+
+APART = PrivateRequirement(far, BUFFER, name="apart")
+LEFT = SharedRequirements((SharedFactor(mean_x, name="left"),))
+Z0 = jnp.array([[-1.0, 0.2], [0.5, 1.0], [0.8, -0.6]])
+
+
+def guided(requirements, z0=Z0, field=gather, **options):
+    return jax.jit(
+        lambda z0: generate(field, DecoupledGuidance(requirements), z0, None, **options)
+    )(z0)
+
+
+def test_no_requirement_drops_out_of_the_verdict():
+    """Private and shared; the sample meets the private one alone."""
+    sample = guided((APART,))
+    assert certify(sample, (APART,)).satisfied
+    both = certify(sample, (APART, LEFT))
+    assert not both.satisfied
+    end = np.mean(np.asarray(sample.z, np.float64)[:, 0])
+    assert both.reason == f"left ends above its bound by {end:.6g}"
+    assert [each.name for each in both.verdicts] == ["apart", "left"]
+    assert not both.generation.held
+    assert "generated under other requirements" in both.generation.broken
+
+
+def test_a_sample_of_one_bound_is_judged_by_the_bound_asked_about():
+    def factor(end):
+        bound = TighteningBound(end=lambda condition: end)
+        return SharedRequirements((SharedFactor(mean_x, bound, name="left"),))
+
+    sample = guided((factor(30.0),), field=lambda tau, z, condition: 3.0 * jnp.ones_like(z))
+    assert certify(sample, (factor(30.0),)).generation.held
+    other = certify(sample, (factor(0.0),))
+    assert not other.satisfied
+    assert other.min_margin == pytest.approx(-float(np.mean(np.asarray(sample.z, float)[:, 0])))
+    assert not other.generation.held
+    assert other.generation.broken.startswith("the sample was generated under other requirements: ")
+    assert other.generation.requirements == ()
+
+
+@pytest.mark.parametrize("slack", [0.02, 0.5])
+def test_a_bound_that_began_elsewhere_is_another_bound(slack):
+    """The same end, and so the same verdict; but the record is of a way that was not promised."""
+    made, asked = (
+        SharedRequirements((SharedFactor(mean_x, TighteningBound(slack=own), name="left"),))
+        for own in (slack, 0.02)
+    )
+    said = certify(guided((made,)), (asked,))
+    assert said.satisfied
+    assert said.generation.held == (slack == 0.02)
+
+
+def test_the_floor_comes_from_the_buffer():
+    """V at its floor implies every margin; nobody can pass another floor."""
+    sample = guided((APART,))
+    (record,) = certify(sample, (APART,)).generation.requirements
+    assert record.limit == pytest.approx(BUFFER**2 / 2)
+    with pytest.raises(TypeError, match="floor"):
+        PrivateRequirement(far, BUFFER, floor=BUFFER)
+
+
+def test_margins_decide_where_v_is_above_its_floor():
+    """So many hinge terms that V exceeds buffer^2 / 2 although every margin is at least 5 mm."""
+
+    def many(z, condition):
+        return jnp.full((len(z), 2000), 0.005) + 0.0 * z[:, :1]
+
+    one = PrivateRequirement(many, BUFFER, name="many")
+    sample = jax.jit(lambda z: generate(still, NoGuidance(), z, None))(Z0)
+    said = certify(sample, (one,))
+    assert said.violation > one.floor
+    assert said.satisfied
+    assert said.min_margin == pytest.approx(0.005, rel=1e-6)
+
+
+@pytest.mark.parametrize("end", [0.02, 1.0])
+def test_a_grid_that_does_not_reach_the_end_has_no_certificate(end):
+    """Its values are unknown to a compiled program, and looked at here."""
+    grid = np.linspace(0.0, end, 30)
+    guidance = DecoupledGuidance((APART,))
+    run = jax.jit(lambda z, grid: generate(gather, guidance, z, None, grid=grid))
+    if end == 1.0:
+        assert certify(run(Z0, grid), guidance).generation.held
+        grid = grid[::-1]
+    with pytest.raises(ValueError, match=r"`sample` must be generated on a grid"):
+        certify(run(Z0, grid.copy()), guidance)
+
+
+def straight_with(dummy, points=400):
+    """Three agents that drive straight through each other, and one far away that stands still."""
+    tau = np.linspace(0.0, 1.0, points)
+    start = np.array([[-1.0, 0.0], [1.0, 0.01], [0.0, 2.0]])
+    end = np.array([[1.0, 0.0], [-1.0, 0.01], [0.0, 2.0]])
+    z = start + tau[:, None, None] * (end - start)
+    return Trajectory(tau, np.concatenate([z, np.full((points, 1, 2), dummy)], axis=1))
+
+
+def near(z, condition):
+    return distances(z)[:3] - 0.3
+
+
+@pytest.mark.parametrize("dummy", [5.0, 1e6])
+def test_rounding_is_allowed_to_each_agent_by_itself(dummy):
+    """An agent at 1e6 does not make the rows of the others pass."""
+
+    def margins(z, condition):
+        return jnp.minimum(distances(z) - 0.3, 5.0)
+
+    one = PrivateRequirement(margins, BUFFER, name="apart")
+    said = certify(straight_with(dummy), (one,))
+    assert said.satisfied  # at the end
+    assert not said.generation.held
+    assert re.search("agent [01] did not meet its row of apart", said.generation.broken)
+
+
+def test_accepted_points_between_those_of_the_grid_are_in_the_record():
+    """Steps that were halved: what is met there counts as anywhere else."""
+    grid = refined_grid(8)
+    sample = guided((APART,), 0.3 * Z0, grid=grid)
+    assert int(sample.work.refused) > 0
+    points = int(sample.summary.points)
+    assert points == int(sample.work.evaluations) - int(sample.work.refused)
+    assert points > len(grid)
+    said = certify(sample, (APART,)).generation
+    assert said.steps == points - 1
+    assert said.effort >= float(jnp.max(sample.trace.effort[:-1]))
+    assert said.requirements[0].smallest_ell <= float(jnp.min(sample.trace.length[:-1]))
+    assert said.requirements[0].active >= int(jnp.any(sample.trace.active[:-1], (1, 2)).sum())
+
+
+def test_an_end_that_was_put_in_place_of_the_generations_is_not_held():
+    sample = guided((APART,))
+    moved = sample._replace(z=sample.z + 2.0)
+    said = certify(moved, (APART,))
+    assert said.satisfied  # everybody moved alike
+    assert not said.generation.held
+    assert said.generation.broken == "z is not the end of its generation"
+
+
+def test_two_points_say_how_far_apart_they_are():
+    """Through an obstacle, from one side to the other."""
+
+    def outside(z, condition):
+        return safe_norm(z)[:, None] - 0.5
+
+    one = PrivateRequirement(outside, BUFFER, name="outside")
+    jump = Trajectory(np.array([0.0, 1.0]), np.array([[[-1.0, 0.0]], [[1.0, 0.0]]]))
+    table = certify(jump, (one,)).table()
+    assert "held at all 2 points, at most 2 apart" in table
+
+
+def test_a_batch_is_certified_in_one_call():
+    guidance = DecoupledGuidance((APART, LEFT))
+    z0 = Z0[None] * jnp.linspace(0.5, 1.5, 20)[:, None, None]
+    samples = jax.jit(lambda z0: generate_batch(gather, guidance, z0, None))(z0)
+    together = certify_batch(samples, guidance)
+    for k, said in enumerate(together):
+        alone = certify(jax.tree.map(lambda leaf, k=k: leaf[k], samples), guidance)
+        assert said.satisfied == alone.satisfied
+        assert said.min_margin == pytest.approx(alone.min_margin, rel=1e-12)
+        assert said.generation.held == alone.generation.held
+    with pytest.raises(ValueError, match=r"got \(20, 3, 2\): use `certify_batch`"):
+        certify(samples, guidance)
+
+
+# Not a number
+
+
+def sharp(z, condition):
+    """The usual trap: the gradient of a norm at zero is not a number, whatever `where` comes after it."""
+    norm = jnp.linalg.norm(z[:, None] - z[None], axis=-1)
+    return jnp.where(jnp.eye(len(z), dtype=bool), 1.0, norm - 0.3)
+
+
+def undefined(z, condition):
+    return jnp.log(z[:, :1] - 0.1) + 5.0
+
+
+def broken_field(tau, z, condition):
+    return jnp.where(
+        (tau > 0.3) & (jnp.arange(len(z)) == 1)[:, None], jnp.nan, gather(tau, z, None)
+    )
+
+
+@pytest.mark.parametrize(
+    ("field", "margins", "text"),
+    [
+        (gather, sharp, "the gradient of apart is not a number at agent 0, tau = 0"),
+        (gather, undefined, "the value of apart is not a number at agent 0, tau = 0"),
+        (broken_field, far, r"the field is not a finite number at agent 1, tau = 0\.3\d*"),
+    ],
+)
+def test_not_a_number_is_called_that(field, margins, text):
+    one = PrivateRequirement(margins, BUFFER, name="apart")
+    said = certify(guided((one,), field=field), (one,))
+    assert not said.satisfied
+    assert not said.generation.held
+    assert re.fullmatch(text, said.generation.broken)
+    assert re.search(text, said.reason)
+    assert "1e+12" not in said.reason
+
+
+def test_the_safe_helpers_have_no_such_gradient():
+    found = jax.jacrev(lambda z: jnp.sum(jnp.where(jnp.isfinite(distances(z)), distances(z), 0.0)))
+    assert np.isfinite(found(Z0)).all()
+    assert np.isfinite(found(jnp.zeros((3, 2)))).all()
+    wanted = np.linalg.norm(np.asarray(Z0)[:, None] - np.asarray(Z0)[None], axis=-1)
+    np.fill_diagonal(wanted, np.inf)
+    np.testing.assert_allclose(distances(Z0), wanted, rtol=1e-6)
+    np.testing.assert_array_equal(jax.grad(safe_norm)(jnp.zeros(2)), 0.0)
+
+
+# Kinks and stuck steps
+
+
+def meeting(tau, z, condition):
+    return jnp.sum((z[0] - z[1]) ** 2) - 0.01
+
+
+MEET = SharedRequirements((SharedFactor(meeting, name="meet"),))
+MEETING = jnp.array([[-1.0, 0.1], [1.0, -0.1], [0.0, 2.0]])
+
+
+def test_where_steps_are_forced_it_is_said_whose_they_were():
+    """A pair that is to meet, and a third that has no part in it: every row is feasible, the steps are too long."""
+    sample = guided((MEET,), MEETING, still, grid=refined_grid(20))
+    assert not sample.summary.infeasible.any()
+    assert not sample.summary.stuck.any()
+    said = certify(sample, (MEET,), agents=("red", "green", "blue")).generation
+    assert said.forced > 0
+    assert not said.held
+    (record,) = said.requirements
+    assert record.forced == said.forced
+    assert record.forced_agents == ("red", "green")
+    assert f"{said.forced} steps were forced: meet at red, green" in said.broken
+
+
+def test_steps_that_are_forced_at_a_kink_say_so():
+    """V rises along its own descent however short the step: the ridge of |y|, toward which it is driven."""
+
+    def ridge(z, condition):
+        return -z[:, :1] - jnp.abs(z[:, 1:])
+
+    def toward(tau, z, condition):
+        return jnp.stack([3.0 * jnp.ones(len(z), z.dtype), -20.0 * z[:, 1]], axis=-1)
+
+    one = PrivateRequirement(ridge, 0.02, name="ridge")
+    z0 = jnp.array([[-0.1, 0.3]])
+    said = certify(guided((one,), z0, toward, grid=refined_grid(100)), (one,)).generation
+    assert said.forced > 0
+    assert said.requirements[0].kinks > 0
+    assert "ridge has no gradient (a kink) at " in said.broken
+
+
+def test_a_kink_has_no_gradient_and_is_not_held():
+    """A trajectory along the ridge of |y|: at each of its points the slope jumps."""
+
+    def ridge(z, condition):
+        return (0.3 - z[:, :1]) - jnp.abs(z[:, 1:])
+
+    def smooth(z, condition):
+        return (0.3 - z[:, :1]) - jnp.sqrt(z[:, 1:] ** 2 + 0.05**2)
+
+    tau = np.linspace(0.0, 1.0, 50)
+    x = 0.5 * (1 - tau) - 0.3
+    y = 0.3 * np.sin(20 * tau) * (np.abs(np.sin(20 * tau)) > 0.2)  # exactly on the ridge at times
+    y[1::2] *= -1.0
+    z = np.stack([x, y], axis=-1)[:, None]
+    kinky, round_ = (PrivateRequirement(margins, 0.5, name="ridge") for margins in (ridge, smooth))
+    first = certify(Trajectory(tau, z), (kinky,)).generation
+    second = certify(Trajectory(tau, z), (round_,)).generation
+    # Leaving it, and where the hinge is active: elsewhere V is zero all around.
+    on_it = int(np.sum((y[:-1] == 0) & (y[1:] != 0) & (0.2 + x[:-1] > 0)))
+    assert on_it > 0
+    assert first.requirements[0].kinks == on_it
+    assert second.requirements[0].kinks == 0
+    assert not first.held
+
+
+# Masks
+
+
+def among(z, condition):
+    return distances(z, condition) - 0.3
+
+
+def test_one_program_serves_teams_of_several_sizes():
+    """Padded to five agents; what a team of three does alone is what it does beside two that are absent."""
+    one = PrivateRequirement(among, BUFFER, name="apart")
+    guidance = DecoupledGuidance((one,))
+    traced = []
+
+    def field(tau, z, mask):
+        traced.append(None)
+        return gather(tau, z, None)
+
+    run = eqx.filter_jit(lambda z0, mask: generate(field, guidance, z0, mask, mask=mask))
+    first = None
+    z0 = 0.5 * np.random.default_rng(1).normal(size=(5, 2))
+    for present in (3, 4, 5):
+        mask = jnp.arange(5) < present
+        with jax.enable_x64(True):  # rounding would grow along edges
+            sample = run(z0, mask)
+            alone = jax.jit(lambda z0, mask: generate(gather, guidance, z0, mask))(
+                z0[:present], mask[:present]
+            )
+        first = first or len(traced)
+        said = certify(sample, guidance, mask, mask=mask)
+        assert said.satisfied
+        np.testing.assert_array_equal(sample.z[present:], z0[present:])  # absent ones stay
+        np.testing.assert_allclose(sample.z[:present], alone.z, atol=1e-9)
+    assert len(traced) == first  # compiled once
+
+
+@pytest.mark.parametrize("kind", ["private", "shared"])
+def test_a_verdict_that_absent_agents_change_is_refused(kind):
+    """The mask was forgotten in the function itself."""
+    one = APART if kind == "private" else LEFT
+    mask = jnp.array([True, True, False])
+    sample = generate(gather, DecoupledGuidance((one,)), Z0, None, mask=mask)
+    with pytest.raises(ValueError, match="changes with the states of absent agents"):
+        certify(sample, (one,), mask=mask)
+
+
+@pytest.mark.parametrize("guard", [None, StepGuard()])
+def test_states_of_one_precision_under_the_other(guard):
+    """float32 states though JAX computes in float64, and numpy's float64 grid though it does not."""
+    guidance = DecoupledGuidance((APART, LEFT))
+    with jax.enable_x64(True):
+        single = generate(gather, guidance, np.asarray(Z0, np.float32), None, guard=guard)
+        assert single.z.dtype == jnp.float32
+        double = generate(gather, guidance, np.asarray(Z0, np.float64), None, guard=guard)
+        assert double.z.dtype == jnp.float64
+    plain = generate(
+        gather, guidance, Z0, None, guard=guard, grid=np.asarray(refined_grid(), np.float64)
+    )
+    np.testing.assert_allclose(single.z, plain.z, atol=1e-3)
+    for sample in (single, double, plain):
+        assert certify(sample, guidance).satisfied
