@@ -60,6 +60,9 @@ def certify(
     Example:
         >>> certificate = certify(generate(field, guidance, z0, condition), guidance, condition)
         >>> print(certificate.table())
+        satisfied; least margin ...
+        conditions held at all ... points, at most ... apart
+        ...
     """
     guidance = as_guidance(requirements)
     if isinstance(sample, Trajectory):

@@ -105,10 +105,7 @@ class TrainingCurves:
 
 
 def _read(path: Path) -> list[Curve]:
-    try:
-        curves = read_curves(path)
-    except (ValueError, KeyError, TypeError):
-        raise InputError("these are no training curves", file=path) from None
+    curves = read_curves(path)
     if not curves:
         raise InputError("there are no training curves here", file=path)
     return curves

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from deggflow.files import StrPath
 from deggflow.jsonl import InputError, ResumableOutput, expect_object, read_lines
 from deggflow.statistics import Rate
 from deggflow.train import Dataset
@@ -81,15 +82,18 @@ def parse_demonstration(value: Any) -> Demonstration:
     )
 
 
-def read_demonstrations(path: Path) -> list[Demonstration]:
+def read_demonstrations(path: StrPath) -> list[Demonstration]:
     """All demonstrations of a file, or `InputError` for the first that is wrong."""
     return read_lines(path, parse_demonstration, "bridge demonstration")
 
 
 def write_data(
-    folder: Path, recipe: Recipe, on_progress: Callable[[int, int], None] = lambda done, total: None
+    folder: StrPath,
+    recipe: Recipe,
+    on_progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> None:
     """Writes `training.jsonl` and `validation.jsonl`, or completes what a killed call left there."""
+    folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     parts = (
         ("training", recipe.training, 2 * recipe.seed),
@@ -111,7 +115,7 @@ def write_data(
                 on_progress(done, total)
 
 
-def approaches(path: Path) -> dict[str, Rate]:
+def approaches(path: StrPath) -> dict[str, Rate]:
     """How often each way to approach occurs among the demonstrations of a file."""
     found = Counter(f"{d.approach.side}, {d.approach.turn}" for d in read_demonstrations(path))
     ways = [f"{side}, {turn}" for side in ("left", "right") for turn in TURNS]
@@ -186,7 +190,7 @@ def training_scales(examples: Example) -> Scales:
     )
 
 
-def load_dataset(path: Path, scales: Scales | None, *, shake: bool) -> tuple[Dataset, Scales]:
+def load_dataset(path: StrPath, scales: Scales | None, *, shake: bool) -> tuple[Dataset, Scales]:
     """Windows of a file's demonstrations as encoded training data, and the scales they are encoded with.
 
     Args:

@@ -1,12 +1,12 @@
 """Bridge conditions and trials as JSON Lines: what is accepted, and what is refused and why."""
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from deggflow.files import StrPath
 from deggflow.jsonl import (
     InputError,
     expect_flag,
@@ -116,7 +116,7 @@ def parse_twists(value: Any, field: str) -> Float[np.ndarray, "actions 3"]:
     return _triples(value, field, "[v_x, v_y, omega]", MAX_SPEED)
 
 
-def read_conditions(path: Path) -> list[TrialCondition]:
+def read_conditions(path: StrPath) -> list[TrialCondition]:
     """All conditions of a file, or `InputError` for the first that is wrong."""
     return read_lines(path, parse_condition, "bridge condition")
 
@@ -198,6 +198,6 @@ def parse_trial(value: Any) -> Trial:
     return Trial(condition, twists, poses, success, reason, certificate, seed)
 
 
-def read_trials(path: Path) -> list[Trial]:
+def read_trials(path: StrPath) -> list[Trial]:
     """All trials of a file, or `InputError` for the first that is wrong."""
     return read_lines(path, parse_trial, "bridge trial")

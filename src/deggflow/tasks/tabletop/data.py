@@ -10,6 +10,7 @@ import numpy as np
 
 from deggflow.blocks import padded_batch
 from deggflow.certificate import Certificate
+from deggflow.files import StrPath
 from deggflow.jsonl import InputError, ResumableOutput
 from deggflow.redraw import Candidate, redraw_until_satisfied
 from deggflow.train import Dataset
@@ -79,9 +80,12 @@ def make_scenes(size: int, first: int, count: int, recipe: Recipe, seed: int) ->
 
 
 def write_data(
-    folder: Path, recipe: Recipe, on_progress: Callable[[int, int], None] = lambda done, total: None
+    folder: StrPath,
+    recipe: Recipe,
+    on_progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> None:
     """Writes `training.jsonl` and `validation.jsonl`, or completes what a killed call left there."""
+    folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     parts = (
         ("training", recipe.training, 2 * recipe.seed),
@@ -108,7 +112,7 @@ def write_data(
                     on_progress(done, total)
 
 
-def load_dataset(path: Path) -> Dataset:
+def load_dataset(path: StrPath) -> Dataset:
     """Scenes of a file as encoded training data; `InputError` if the file is not as it should be."""
     scenes = read_scenes(path)
     conditions = [scene.condition for scene in scenes]

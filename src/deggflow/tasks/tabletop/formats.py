@@ -1,11 +1,11 @@
 """Tabletop conditions and scenes as JSON Lines: what is accepted, and what is refused and why."""
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from deggflow.files import StrPath
 from deggflow.jsonl import (
     InputError,
     expect_integer,
@@ -111,7 +111,7 @@ def parse_condition(value: Any, field: str = "") -> SceneCondition:
     return SceneCondition(objects, requirements, width, depth, balance, given)
 
 
-def read_conditions(path: Path) -> list[SceneCondition]:
+def read_conditions(path: StrPath) -> list[SceneCondition]:
     """All conditions of a file, or `InputError` for the first that is wrong."""
     return read_lines(path, parse_condition, "tabletop condition")
 
@@ -141,6 +141,6 @@ def parse_scene(value: Any) -> Scene:
     return Scene(condition, np.array(poses), certificate, seed)
 
 
-def read_scenes(path: Path) -> list[Scene]:
+def read_scenes(path: StrPath) -> list[Scene]:
     """All scenes of a file, or `InputError` for the first that is wrong."""
     return read_lines(path, parse_scene, "tabletop scene")

@@ -1,6 +1,5 @@
 """The tabletop's field in PyTorch, features and all: the shipped weights for those who work there, and a peer to compare with."""
 
-from pathlib import Path
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -8,6 +7,7 @@ from jaxtyping import Array
 
 from deggflow.field.torch import torch
 from deggflow.field.torch_export import TorchMessagePassing, export
+from deggflow.files import StrPath
 
 from .codec import ANGLE_SCALE
 from .condition import Parts, TabletopCondition
@@ -74,7 +74,7 @@ def scene_arrays(condition: TabletopCondition) -> dict[str, Array]:
     }
 
 
-def load_torch_field(path: Path | None = None) -> TorchTabletopField:
+def load_torch_field(path: StrPath | None = None) -> TorchTabletopField:
     """A trained field as a PyTorch module in evaluation mode; the shipped one if no path is given."""
     return TorchTabletopField(export(load_field(path))).eval()
 

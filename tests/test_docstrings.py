@@ -1,0 +1,43 @@
+"""Examples in docstrings run, and print what they say."""
+
+import doctest
+import importlib
+
+import jax
+import jax.numpy as jnp
+import pytest
+
+import deggflow
+
+MODULES = ("guidance.margins", "guidance.private", "sampling", "certification")
+
+
+def field(tau, z, condition):
+    return -z
+
+
+def far(z, condition):
+    return deggflow.distances(z) - 0.3
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_examples_run(name):
+    apart = deggflow.PrivateRequirement(far, 0.02, name="apart")
+    known = {
+        "jax": jax,
+        "jnp": jnp,
+        "field": field,
+        "apart": apart,
+        "guidance": deggflow.DecoupledGuidance((apart,)),
+        "condition": None,
+        "z0": jax.random.normal(jax.random.key(0), (5, 2)),
+        **{public: getattr(deggflow, public) for public in deggflow.__all__},
+    }
+    module = importlib.import_module(f"deggflow.{name}")
+    tests = [test for test in doctest.DocTestFinder().find(module, globs=known) if test.examples]
+    assert tests
+    for test in tests:
+        runner = doctest.DocTestRunner(
+            optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+        )
+        assert runner.run(test).failed == 0, test.name
