@@ -15,6 +15,7 @@ FLOORS = [
         "blocks",
         "files",
         "jsonl",
+        "output",
         "statistics",
         "flow",
         "field",

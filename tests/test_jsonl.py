@@ -5,7 +5,6 @@ import pytest
 from deggflow.jsonl import (
     MAX_LINE,
     InputError,
-    ResumableOutput,
     expect_list,
     expect_text,
     parse_line,
@@ -59,51 +58,3 @@ def test_text_and_lists_are_told_from_everything_else(expect, good, bad, reason)
             expect(value, "a.b")
         assert caught.value.field == "a.b"
         assert caught.value.reason == reason + (value if value == "a" else json.dumps(value))
-
-
-def test_an_interrupted_file_is_completed(tmp_path):
-    path = tmp_path / "out.jsonl"
-    with ResumableOutput(str(path), SETTINGS) as lines:
-        assert lines.finished == []
-        lines.append([{"k": 0}, {"k": 1}])
-    with path.open("ab") as file:
-        file.write(b'{"k": 2, "hal')  # a kill in the middle of a line
-    with ResumableOutput(path, SETTINGS) as lines:
-        assert lines.finished == [{"k": 0}, {"k": 1}]
-        lines.append([{"k": 2}])
-    assert [json.loads(line)["k"] for line in path.read_text().splitlines()] == [0, 1, 2]
-
-
-def test_another_runs_file_is_left_alone(tmp_path):
-    path = tmp_path / "out.jsonl"
-    with ResumableOutput(path, SETTINGS) as lines:
-        lines.append([{"k": 0}])
-    before = path.read_bytes()
-    with pytest.raises(InputError, match="begun with seed = 0, not 1"):
-        ResumableOutput(path, {**SETTINGS, "seed": 1})
-    foreign = tmp_path / "notes.txt"
-    foreign.write_text("mine")
-    with pytest.raises(InputError, match="was not begun by this command"):
-        ResumableOutput(foreign, SETTINGS)
-    with pytest.raises(InputError, match="is a folder"):
-        ResumableOutput(tmp_path, SETTINGS)
-    assert path.read_bytes() == before
-    assert foreign.read_text() == "mine"
-
-
-def test_two_runs_do_not_write_one_file(tmp_path):
-    path = tmp_path / "out.jsonl"
-    with (
-        ResumableOutput(path, SETTINGS),
-        pytest.raises(InputError, match="another run"),
-        ResumableOutput(path, SETTINGS),
-    ):
-        pass
-
-
-def test_numbers_that_are_not_finite_are_never_written(tmp_path):
-    with (
-        ResumableOutput(tmp_path / "x", SETTINGS) as lines,
-        pytest.raises(ValueError, match="JSON"),
-    ):
-        lines.append([{"a": float("nan")}])

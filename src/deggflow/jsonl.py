@@ -1,14 +1,14 @@
-"""JSON Lines in and out: strict reading that says what is wrong where, appending that can be resumed."""
+"""JSON Lines in: strict reading that says what is wrong where."""
 
-import fcntl
 import json
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from codecs import BOM_UTF8
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
-from .files import StrPath, write_atomically
+from .files import StrPath
 
 T = TypeVar("T")
 
@@ -95,7 +95,8 @@ def read_lines(path: StrPath, parse: Callable[[Any], T], what: str) -> list[T]:
             while line := file.readline(MAX_LINE + 2):
                 if len(out) == MAX_LINES:
                     raise InputError(f"more than {MAX_LINES} lines")
-                out.append(parse(parse_line(line.rstrip(b"\r\n"))))
+                text = line.rstrip(b"\r\n")
+                out.append(parse(parse_line(text if out else text.removeprefix(BOM_UTF8))))
     except InputError as error:
         raise InputError(error.reason, file=path, line=len(out) + 1, field=error.field) from None
     except OSError as error:
@@ -129,7 +130,8 @@ def expect_number(value: Any, field: str, low: float, high: float, unit: str) ->
     # Compared before the conversion: a huge integer has no float.
     if not low <= value <= high or not math.isfinite(value):
         raise InputError(
-            f"must lie in [{low:g}, {high:g}] {unit}; got {shorten(value)}", field=field
+            f"must lie in [{low:g}, {high:g}]{unit and ' '}{unit}; got {shorten(value)}",
+            field=field,
         )
     return float(value)
 
@@ -174,72 +176,3 @@ def expect_reason(value: Any, field: str) -> str | None:
 def join(field: str, key: str) -> str:
     """The name of a nested field."""
     return f"{field}.{key}" if field else key
-
-
-class ResumableOutput:
-    """A JSON Lines file that a run appends to, and that a later call of the same run completes.
-
-    Beside it stands `<name>.run.json` with the run's settings, so that no other run is mixed into it.
-    """
-
-    def __init__(self, path: StrPath, settings: Mapping[str, Any]) -> None:
-        """Raises `InputError` if the file belongs to another run or can't be written; changes nothing then."""
-        path = Path(path)
-        self.path, self.settings = path, dict(settings)
-        self.run = path.with_name(path.name + ".run.json")
-        if path.is_dir():
-            raise InputError("is a folder; name a file", file=path)
-        if path.exists():
-            self._check_settings()
-
-    def _check_settings(self) -> None:
-        advice = "choose another --out, or remove it first"
-        try:
-            begun = json.loads(self.run.read_text())
-        except (OSError, ValueError):
-            raise InputError(
-                f"exists and was not begun by this command; {advice}", file=self.path
-            ) from None
-        for name, value in self.settings.items():
-            if begun.get(name) != value:
-                raise InputError(
-                    f"was begun with {name} = {shorten(begun.get(name))}, not {shorten(value)}; {advice}",
-                    file=self.path,
-                )
-
-    def __enter__(self) -> "ResumableOutput":
-        try:
-            if not self.path.exists():
-                write_atomically(self.run, json.dumps(self.settings, indent=2) + "\n")
-            self._file = self.path.open("a+b")
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            self._file.close()
-            raise InputError("another run is writing it", file=self.path) from None
-        except OSError as error:
-            raise InputError(f"can't be written: {error.strerror}", file=self.path) from None
-        self._file.seek(0)
-        self.finished: list[Any] = [json.loads(line) for line in self._whole_lines()]
-        return self
-
-    def _whole_lines(self) -> Iterator[bytes]:
-        """Finished lines; what a kill left of an unfinished one is cut off."""
-        end = 0
-        for line in self._file:
-            if not line.endswith(b"\n"):
-                break
-            end += len(line)
-            yield line
-        self._file.truncate(end)
-        self._file.seek(end)
-
-    def append(self, rows: Sequence[Mapping[str, Any]]) -> None:
-        """Writes finished rows and flushes them to disk."""
-        self._file.write(
-            b"".join(json.dumps(row, allow_nan=False).encode() + b"\n" for row in rows)
-        )
-        self._file.flush()
-        os.fsync(self._file.fileno())
-
-    def __exit__(self, *_: object) -> None:
-        self._file.close()

@@ -242,7 +242,7 @@ def test_the_command_measures_reports_and_goes_on(fakes, inside, tmp_path):
     fakes[1].stops = True
     stopped = inside("reproduce", "--out", "r", "--seed", 3)
     assert stopped.returncode == 130
-    assert "goes on where it stopped" in stopped.stderr
+    assert "rerun the command to resume" in stopped.stderr
     assert not (tmp_path / "r" / "report.html").exists()
     fakes[1].stops = False
     again = inside("reproduce", "--out", "r", "--seed", 3)

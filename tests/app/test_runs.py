@@ -7,7 +7,8 @@ import pytest
 
 from deggflow.app import runs
 from deggflow.app.runs import Wanted, deliver, run_jobs, wanted
-from deggflow.jsonl import InputError, ResumableOutput
+from deggflow.jsonl import InputError
+from deggflow.output import ResumableOutput
 
 
 @dataclass
@@ -16,7 +17,14 @@ class Row:
     chunk: int
 
     def to_json(self):
-        return {"number": self.number, "chunk": self.chunk}
+        return {"condition": {"is": self.number}, "number": self.number, "chunk": self.chunk}
+
+
+class Number(int):
+    """A condition."""
+
+    def to_json(self):
+        return {"is": int(self)}
 
 
 def make(conditions, first):
@@ -29,23 +37,27 @@ def odd(row):
     return row["number"] % 2 == 1
 
 
+def numbers(first, many):
+    return [Number(k) for k in range(first, first + many)]
+
+
 @pytest.fixture
 def ten(monkeypatch):
     monkeypatch.setattr(runs, "CHUNK", 4)
-    return Wanted(10, 0, lambda first, many: list(range(first, first + many)))
+    return Wanted(10, 0, numbers)
 
 
 def test_a_chunk_that_was_cut_is_made_again_whole_and_its_rest_is_kept(ten, tmp_path, capsys):
     whole, cut = tmp_path / "whole.jsonl", tmp_path / "cut.jsonl"
 
     def run(path):
-        target = None if path is None else ResumableOutput(path, {})
-        return deliver(target, 10, "rows", odd, lambda first, _: ten.chunks(make, first))
+        return deliver(path, {}, ten, "rows", odd, lambda first, _: ten.chunks(make, first))
 
     assert run(whole) == 5
     lines = whole.read_bytes().splitlines(keepends=True)
     assert [json.loads(line)["chunk"] for line in lines] == [0, 0, 0, 0, 4, 4, 4, 4, 8, 8]
     for size in range(0, len(whole.read_bytes()) + 1, 7):  # cut anywhere, also within a line
+        cut.write_bytes(b"")
         ResumableOutput(cut, {}).__enter__().__exit__()
         cut.write_bytes(whole.read_bytes()[:size])
         assert run(cut) == 5
@@ -78,11 +90,11 @@ def test_an_error_in_a_chunk_begun_ahead_ends_the_run(ten):
 def test_conditions_come_from_a_file_or_are_drawn(tmp_path):
     ways = {
         "sizes": (2, 8),
-        "read": lambda path: ["a", "b", "c"],
+        "read": lambda path: numbers(7, 3),
         "draw": lambda size, first, many: [(size, k) for k in range(first, first + many)],
     }
     given = wanted(tmp_path, None, None, **ways)
-    assert (given.count, given.size, given.part(1, 2)) == (3, 0, ["b", "c"])
+    assert (given.count, given.size, given.part(1, 2)) == (3, 0, [8, 9])
     drawn = wanted(None, 5, None, **ways)
     assert (drawn.count, drawn.size, drawn.part(0, 1)) == (1, 5, [(5, 0)])
     for arguments, hint in (

@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from deggflow.jsonl import InputError, ResumableOutput
+from deggflow.jsonl import InputError
 
 from .runs import (
     MAX_COUNT,
     MAX_SEED,
+    check_output,
     deliver,
-    digest,
+    digest_of_weights,
     in_range,
     load,
     printable,
@@ -157,16 +158,16 @@ def generate(
     )
     settings = {
         "command": "bridge generate",
-        "conditions": digest(conditions),
+        "conditions": asked.digest,
         "size": asked.size,
         "count": asked.count,
         "seed": seed,
         "guidance": guidance,
         "max_draws": max_draws,
         "speed_limit": speed_limit,
-        "weights": None if weights is None else str(weights),
+        "weights": digest_of_weights(weights),
     }
-    target = None if out is None else ResumableOutput(out, settings)
+    check_output(out, settings)
     generator = make_generator(_load_field(weights), guidance, speed_limit)
 
     def chunks(first: int, bars: "Progress") -> "Iterator[list[Trial]]":
@@ -176,18 +177,18 @@ def generate(
             text = f"policy {found.policy + 1}, {len(found.trials)} trials under way"
             bars.update(bar, description=text)
 
-        def make(conditions: "list[TrialCondition]", first: int) -> "list[Trial]":
-            return generator.trials(
+        def make(conditions: "list[TrialCondition]", first: int) -> "Iterator[list[Trial]]":
+            return generator.stream(
                 conditions, seed=seed, first=first, max_draws=max_draws, on_round=show
             )
 
-        return asked.chunks(make, first)
+        return asked.streams(make, first)
 
     def fails(row: Mapping[str, Any]) -> bool:
         uncertified = guidance == "degg" and not row["certificate"]["satisfied"]
         return uncertified or not row["outcome"]["success"]
 
-    failed = deliver(target, asked.count, "trials", fails, chunks)
+    failed = deliver(out, settings, asked, "trials", fails, chunks)
     where = "" if out is None else f" They are in {out}."
     noun = "trial bridges" if asked.count == 1 else "trials bridge"
     console().print(f"{asked.count - failed} of {asked.count} {noun} the gap.{where}")
@@ -239,7 +240,7 @@ def evaluate(
         "command": "bridge evaluate",
         "seed": seed,
         "max_draws": max_draws,
-        "weights": None if weights is None else str(weights),
+        "weights": digest_of_weights(weights),
     }
     if hard:
         return run_hard(field, {**settings, "hard": hard, "sizes": list(sizes)}, out)

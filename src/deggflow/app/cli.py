@@ -36,8 +36,8 @@ _APP.command(_BRIDGE, name="bridge", help="Robots push a plank over a gap and cr
 _APP.command(reproduce)
 
 _DESCRIPTION = (
-    "Generative flow models of several agents that keep hard promises: guided generation, "
-    "a certificate for every result, and a plain word where a requirement can't be met."
+    "Generative flow models of several agents that keep hard guarantees: guided generation, "
+    "a certificate for every result, and a clear explanation when a requirement can't be met."
 )
 
 
@@ -52,7 +52,7 @@ def main(arguments: list[str] | None = None) -> None:
         print(f"deggflow: {error}", file=sys.stderr)
         code = BAD_INPUT
     except KeyboardInterrupt:
-        print("deggflow: interrupted; the same command goes on where it stopped", file=sys.stderr)
+        print("deggflow: interrupted; with --out, rerun the command to resume", file=sys.stderr)
         code = 130
     except BrokenPipeError:
         code = UNFORESEEN

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, runtime_checkable
 
-from deggflow.jsonl import InputError, ResumableOutput
+from deggflow.jsonl import InputError
+from deggflow.output import ResumableOutput
 
 from .session import progress
 
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
 
     from deggflow.train import Curve, TrainingConfig
 
-C = TypeVar("C")
 F = TypeVar("F")
 
 CHUNK = 512  # results between two writes of a long run
@@ -36,6 +36,7 @@ class Written(Protocol):
 
 
 R = TypeVar("R", bound=Written)
+C = TypeVar("C", bound=Written)
 
 
 def in_range(name: str, value: int, low: int, high: int) -> None:
@@ -52,11 +53,25 @@ def printable(text: str) -> str:
     )
 
 
-def digest(path: Path | None) -> str | None:
-    """What tells one input file from another."""
+def digest_of_weights(path: Path | None) -> str | None:
+    """What tells one weights file from another, its card included: content, whatever the file is called."""
     from hashlib import sha256
 
-    return None if path is None else sha256(path.read_bytes()).hexdigest()
+    if path is None:
+        return None
+    card = path.with_suffix(".json")
+    try:
+        return sha256(path.read_bytes() + b"\0" + card.read_bytes()).hexdigest()
+    except OSError as error:
+        raise InputError(
+            f"--weights can't be used: {error.strerror}", file=error.filename
+        ) from None
+
+
+def check_output(out: Path | None, settings: Mapping[str, Any]) -> None:
+    """Refuses a file of another run before anything is computed; it is looked at again once it is locked."""
+    if out is not None:
+        ResumableOutput(out, settings)
 
 
 def load(loader: Callable[[Path | None], F], weights: Path | None) -> F:
@@ -76,6 +91,12 @@ class Wanted(Generic[C]):
     count: int
     size: int  # of drawn conditions; 0 if a file gives them
     part: Callable[[int, int], list[C]]  # number of the first, how many
+    digest: str | None = None  # of a file's conditions as they were read; None if they are drawn
+
+    def belongs(self, number: int, row: Any) -> bool:
+        """Whether a line holds the result for the condition of its number."""
+        (condition,) = self.part(number, 1)
+        return bool(row.get("condition") == json.loads(json.dumps(condition.to_json())))
 
     def chunks(
         self,
@@ -117,6 +138,19 @@ class Wanted(Generic[C]):
         finally:
             pool.shutdown(cancel_futures=True)
 
+    def streams(
+        self, generate: Callable[[list[C], int], Iterator[list[R]]], first: int
+    ) -> Iterator[list[R]]:
+        """Results from number `first` on, as soon as they are finished; arguments as of `chunks`.
+
+        A chunk that a kill cut in two begins anew; what is written of it already is passed over.
+        """
+        for start in range(first // CHUNK * CHUNK, self.count, CHUNK):
+            number = start
+            for some in generate(self.part(start, min(CHUNK, self.count - start)), start):
+                yield some[max(0, first - number) :]
+                number += len(some)
+
 
 def wanted(
     conditions: Path | None,
@@ -145,8 +179,18 @@ def wanted(
     if conditions is not None:
         if count is not None:
             raise InputError("--count goes with --size, not with --conditions")
+        from hashlib import sha256
+
         given = read(conditions)
-        return Wanted(len(given), 0, lambda first, many: given[first : first + many])
+        # Of what was read, not of the file: a pipe can be read only once.
+        content = json.dumps([condition.to_json() for condition in given]).encode()
+        part = given.__getitem__
+        return Wanted(
+            len(given),
+            0,
+            lambda first, many: part(slice(first, first + many)),
+            sha256(content).hexdigest(),
+        )
     drawn, many = size or 0, 1 if count is None else count
     in_range("size", drawn, *sizes)
     in_range("count", many, 1, MAX_COUNT)
@@ -154,8 +198,9 @@ def wanted(
 
 
 def deliver(
-    target: ResumableOutput | None,
-    count: int,
+    out: Path | None,
+    settings: Mapping[str, Any],
+    asked: Wanted[Any],
     label: str,
     fails: Callable[[Mapping[str, Any]], bool],
     chunks: "Callable[[int, Progress], Iterator[list[R]]]",
@@ -163,20 +208,32 @@ def deliver(
     """Results to stdout, or to the end of a file that may hold some already; returns how many fail.
 
     Args:
-        target: The file, or None for stdout.
-        count: How many results there will be.
+        out: The file, or None for stdout.
+        settings: JSON values that tell this run from others.
+        asked: What results are of.
         label: What they are called beside the progress bar.
         fails: Whether a result, as it stands in the file, does not do what it should.
         chunks: Results from a number on, a few at a time; may show more progress.
     """
-    with progress(hidden=target is None) as bars:
-        bar = bars.add_task(label, total=count)
-        if target is None:
+    failed = 0
+
+    def look(row: Mapping[str, Any]) -> None:
+        nonlocal failed
+        try:
+            failed += fails(row)
+        except (KeyError, TypeError):
+            raise InputError("a finished line is no result of this command", file=out) from None
+
+    with progress(hidden=out is None) as bars:
+        bar = bars.add_task(label, total=asked.count)
+        if out is None:
             return sum(_print(found, fails) for found in chunks(0, bars))
+        target = ResumableOutput(
+            out, settings, count=asked.count, belongs=asked.belongs, on_row=look
+        )
         with target as lines:
-            bars.update(bar, completed=len(lines.finished))
-            failed = sum(map(fails, lines.finished))
-            for results in chunks(len(lines.finished), bars):
+            bars.update(bar, completed=lines.done)
+            for results in chunks(lines.done, bars):
                 found = [result.to_json() for result in results]
                 lines.append(found)
                 failed += sum(map(fails, found))

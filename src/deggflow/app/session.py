@@ -2,6 +2,7 @@
 
 import os
 import sys
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,8 +17,14 @@ SATISFIED, UNFORESEEN, BAD_INPUT, NOT_SATISFIED = 0, 1, 2, 3
 
 def cache_folder() -> Path:
     """Where compiled programs are kept between runs (`DEGGFLOW_CACHE`, else the user's cache folder)."""
-    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(os.environ.get("DEGGFLOW_CACHE") or Path(base) / "deggflow")
+    named = os.environ.get("DEGGFLOW_CACHE")
+    if named:
+        return Path(named)
+    try:
+        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    except RuntimeError:  # an unknown user without a home, as in a container
+        base = Path(tempfile.gettempdir())
+    return base / "deggflow"
 
 
 def prepare_jax() -> None:

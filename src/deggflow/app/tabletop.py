@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from deggflow.jsonl import InputError, ResumableOutput
+from deggflow.jsonl import InputError
 
 from .runs import (
     MAX_COUNT,
     MAX_SEED,
+    check_output,
     deliver,
-    digest,
+    digest_of_weights,
     in_range,
     load,
     printable,
@@ -163,7 +164,7 @@ def generate(
     )
     settings = {
         "command": "tabletop generate",
-        "conditions": digest(conditions),
+        "conditions": asked.digest,
         "size": asked.size,
         "count": asked.count,
         "requirements": requirements if conditions is None else "",
@@ -171,10 +172,10 @@ def generate(
         "guidance": guidance,
         "max_draws": max_draws,
         "trace": trace,
-        "weights": None if weights is None else str(weights),
+        "weights": digest_of_weights(weights),
     }
     limit = 1 if guidance == "none" else max_draws
-    target = None if out is None else ResumableOutput(out, settings)
+    check_output(out, settings)
     generator = make_generator(weights, guidance)
 
     def make(conditions: "list[SceneCondition]", first: int) -> "list[Scene]":
@@ -189,7 +190,7 @@ def generate(
         return asked.chunks(make, first, 1 if halls else None, ahead=not halls)
 
     failed = deliver(
-        target, asked.count, "scenes", lambda row: not row["certificate"]["satisfied"], chunks
+        out, settings, asked, "scenes", lambda row: not row["certificate"]["satisfied"], chunks
     )
     return _summary(asked.count, failed, guidance, out)
 
@@ -243,7 +244,7 @@ def evaluate(
         "seed": seed,
         "max_draws": max_draws,
         "compare": compare,
-        "weights": None if weights is None else str(weights),
+        "weights": digest_of_weights(weights),
     }
     field = make_generator(weights, "none").field
     if compare:

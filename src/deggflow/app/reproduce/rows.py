@@ -4,7 +4,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from deggflow.app.runs import Written
-from deggflow.jsonl import InputError, ResumableOutput
+from deggflow.jsonl import InputError
+from deggflow.output import ResumableOutput
 
 from .experiment import Settings
 

@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from deggflow.files import StrPath
-from deggflow.jsonl import InputError, ResumableOutput, expect_object, read_lines
+from deggflow.jsonl import InputError, expect_object, read_lines
+from deggflow.output import ResumableOutput, forget
 from deggflow.statistics import Rate
 from deggflow.train import Dataset
 
@@ -104,10 +105,11 @@ def write_data(
     done = 0
     for name, count, seed in parts:
         wanted = [(size, number) for size in recipe.sizes for number in range(count)]
-        with ResumableOutput(folder / f"{name}.jsonl", settings) as output:
-            done += len(output.finished)
+        path = folder / f"{name}.jsonl"
+        with ResumableOutput(path, settings, count=len(wanted), on_row=forget) as output:
+            done += output.done
             on_progress(done, total)
-            for start in range(len(output.finished), len(wanted), CHUNK):
+            for start in range(output.done, len(wanted), CHUNK):
                 chunk = wanted[start : start + CHUNK]
                 made = [random_demonstration(size, seed, number) for size, number in chunk]
                 output.append([to_json(demonstration) for demonstration in made])

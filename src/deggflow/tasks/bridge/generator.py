@@ -4,8 +4,9 @@ A guided policy is executed only if both factors are below their bounds at its e
 nothing broken on the way; else it is drawn again, and where no draw serves, the team stops where it stands.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from itertools import takewhile
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -197,7 +198,25 @@ class BridgeGenerator:
         max_draws: int = MAX_DRAWS,
         on_round: Callable[[Round], None] = _nobody,
     ) -> list[Trial]:
-        """Trials with certificates.
+        """Trials with certificates; arguments as of `stream`."""
+        return [
+            trial
+            for some in self.stream(
+                conditions, seed=seed, first=first, max_draws=max_draws, on_round=on_round
+            )
+            for trial in some
+        ]
+
+    def stream(
+        self,
+        conditions: Sequence[TrialCondition],
+        *,
+        seed: int = 0,
+        first: int = 0,
+        max_draws: int = MAX_DRAWS,
+        on_round: Callable[[Round], None] = _nobody,
+    ) -> Iterator[list[Trial]]:
+        """Trials with certificates, in order, as soon as they and those before them are over.
 
         Args:
             conditions: Where plank, goal and contact points are.
@@ -211,6 +230,7 @@ class BridgeGenerator:
         rest = np.zeros(3), np.zeros((HORIZON, 3))
         runs = [_Running(Start(each, *rest), first + k) for k, each in enumerate(conditions)]
         agents = padded_robots(max((len(c.contacts) for c in conditions), default=0))
+        given = 0
         for policy in range(MAX_POLICIES):
             under_way = [run for run in runs if not run.over]
             if not under_way:
@@ -218,7 +238,12 @@ class BridgeGenerator:
             condition = _stack(under_way, agents)
             on_round(Round(policy, tuple(run.number for run in under_way), condition))
             self._advance(under_way, condition, seed, policy, max_draws)
-        return [run.finish(seed, self.speed_limit) for run in runs]
+            over = list(takewhile(lambda run: run.over, runs[given:]))
+            given += len(over)
+            if over:
+                yield [run.finish(seed, self.speed_limit) for run in over]
+        if runs[given:]:
+            yield [run.finish(seed, self.speed_limit) for run in runs[given:]]
 
     def single(
         self, starts: Sequence[Start], *, seed: int = 0, max_draws: int = MAX_DRAWS

@@ -11,7 +11,8 @@ import numpy as np
 from deggflow.blocks import padded_batch
 from deggflow.certificate import Certificate
 from deggflow.files import StrPath
-from deggflow.jsonl import InputError, ResumableOutput
+from deggflow.jsonl import InputError
+from deggflow.output import ResumableOutput, forget
 from deggflow.redraw import Candidate, redraw_until_satisfied
 from deggflow.train import Dataset
 
@@ -95,8 +96,9 @@ def write_data(
     settings = {**recipe._asdict(), "sizes": list(recipe.sizes)}
     done = 0
     for name, count, seed in parts:
-        with ResumableOutput(folder / f"{name}.jsonl", settings) as output:
-            finished = len(output.finished)
+        path, lines = folder / f"{name}.jsonl", count * len(recipe.sizes)
+        with ResumableOutput(path, settings, count=lines, on_row=forget) as output:
+            finished = output.done
             done += finished
             on_progress(done, total)
             for position, size in enumerate(recipe.sizes):

@@ -1,0 +1,189 @@
+"""JSON Lines out: a file that a run appends to line by line, and that a later call of the same run completes."""
+
+import json
+import os
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from filelock import FileLock, Timeout
+
+from .files import StrPath, write_atomically
+from .jsonl import MAX_LINE, InputError, parse_line, shorten
+
+ADVICE = "choose another --out, or remove it first"
+Belongs = Callable[[int, Any], bool]
+"""(number of a line from 0, what it holds) -> whether the run would have written it there."""
+
+
+def forget(row: Any) -> None:
+    """For files whose lines are counted and not kept."""
+
+
+class ResumableOutput:
+    """A JSON Lines file of one run.
+
+    Beside it stand `<name>.run.json` with the run's settings, so that no other run is mixed into it, and `.<name>.lock`,
+    which is held while it is written. What is no regular file, such as /dev/stdout, is written to as it is.
+
+    Attributes:
+        done: Lines that are finished.
+        finished: What they hold, if rows are kept.
+    """
+
+    def __init__(
+        self,
+        path: StrPath,
+        settings: Mapping[str, Any],
+        *,
+        count: int | None = None,
+        belongs: Belongs | None = None,
+        on_row: Callable[[Any], None] | None = None,
+    ) -> None:
+        """Raises `InputError` if the file belongs to another run or can't be written; changes nothing then.
+
+        Args:
+            path: The file.
+            settings: JSON values that tell this run from others.
+            count: How many lines the run has; a longer file is another run's. Any number if None.
+            belongs: Looked at for the first and the last finished line.
+            on_row: Told of every finished line instead of keeping it in `finished`: memory stays flat.
+        """
+        self.path, self.settings = Path(path), dict(settings)
+        self.run = self.path.with_name(self.path.name + ".run.json")
+        self._count, self._belongs, self._on_row = count, belongs, on_row
+        self._file: BinaryIO | None = None
+        self.done, self.finished = 0, list[Any]()
+        if self.path.is_dir():
+            raise InputError("is a folder; name a file", file=self.path)
+        if self._holds_something():
+            self._check_settings()
+        self._lock = FileLock(self.path.with_name(f".{self.path.name}.lock"))
+
+    @property
+    def _special(self) -> bool:
+        return self.path.exists() and not self.path.is_file()
+
+    def _holds_something(self) -> bool:
+        return self.path.is_file() and self.path.stat().st_size > 0
+
+    def _check_settings(self) -> None:
+        try:
+            begun = json.loads(self.run.read_text())
+        except (OSError, ValueError, RecursionError):
+            begun = None
+        if not isinstance(begun, dict):
+            raise InputError(f"exists and was not begun by this command; {ADVICE}", file=self.path)
+        for name, value in self.settings.items():
+            if begun.get(name) != value:
+                raise InputError(
+                    f"was begun with {name} = {shorten(begun.get(name))}, not {shorten(value)}; {ADVICE}",
+                    file=self.path,
+                )
+
+    def __enter__(self) -> "ResumableOutput":
+        try:
+            if self._special:
+                self._file = self.path.open("ab")
+                return self
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._lock.acquire(timeout=0)
+            self._begin()
+        except Timeout:
+            raise InputError("another run is writing it", file=self.path) from None
+        except OSError as error:
+            self._release()
+            raise InputError(f"can't be written: {error.strerror}", file=self.path) from None
+        except InputError:
+            self._release()
+            raise
+        return self
+
+    def _begin(self) -> None:
+        """With the lock held: whose file it is, and what is finished of it."""
+        if self._holds_something():
+            self._check_settings()
+        else:
+            write_atomically(self.run, json.dumps(self.settings, indent=2) + "\n")
+        self._file = self.path.open("a+b")
+        self._file.seek(0)
+        end, last = 0, None
+        while (line := self._file.readline(MAX_LINE + 2)).endswith(b"\n"):
+            last = self._finished_line(line)
+            end += len(line)
+        if last is not None:
+            self._check_line(self.done - 1, last)
+        if len(line) > MAX_LINE:
+            raise InputError(
+                f"the line is longer than {MAX_LINE} bytes", file=self.path, line=self.done + 1
+            )
+        # What a kill left of an unfinished line is cut off.
+        self._file.truncate(end)
+        self._file.seek(end)
+
+    def _finished_line(self, line: bytes) -> Any:
+        try:
+            row = parse_line(line.rstrip(b"\n"))
+        except InputError as error:
+            raise InputError(
+                f"was damaged after it was written: {error.reason}; {ADVICE}",
+                file=self.path, line=self.done + 1,
+            ) from None  # fmt: skip
+        if not isinstance(row, dict) or not row:
+            raise InputError(
+                f"was damaged after it was written: not a result; {ADVICE}",
+                file=self.path, line=self.done + 1,
+            )  # fmt: skip
+        if self.done == 0:
+            self._check_line(0, row)
+        self.done += 1
+        if self._count is not None and self.done > self._count:
+            raise InputError(
+                f"has more lines than the {self._count} of this run; {ADVICE}", file=self.path
+            )
+        if self._on_row is None:
+            self.finished.append(row)
+        else:
+            self._on_row(row)
+        return row
+
+    def _check_line(self, number: int, row: Any) -> None:
+        if self._belongs is not None and not self._belongs(number, row):
+            raise InputError(
+                f"is not line {number + 1} of this run; {ADVICE}", file=self.path, line=number + 1
+            )
+
+    def append(self, rows: Sequence[Mapping[str, Any]]) -> None:
+        """Writes finished rows and flushes them to disk; raises `InputError` if they did not get there."""
+        assert self._file is not None
+        content = b"".join(json.dumps(row, allow_nan=False).encode() + b"\n" for row in rows)
+        try:
+            self._file.write(content)
+            self._file.flush()
+            if self._special:
+                return
+            os.fsync(self._file.fileno())
+            here, written = self.path.stat(), os.fstat(self._file.fileno())
+        except FileNotFoundError:
+            raise InputError("was removed while it was being written", file=self.path) from None
+        except OSError as error:
+            raise InputError(
+                f"can't be written: {error.strerror}; finished lines are kept, rerun the command to resume",
+                file=self.path,
+            ) from None
+        if (here.st_dev, here.st_ino) != (written.st_dev, written.st_ino):
+            raise InputError("was replaced while it was being written", file=self.path)
+        self.done += len(rows)
+
+    def __exit__(self, *_: object) -> None:
+        self._release()
+
+    def _release(self) -> None:
+        try:
+            if self._file is not None:
+                self._file.close()
+        except OSError:
+            pass  # what could not be flushed was told of by `append`
+        finally:
+            self._file = None
+            self._lock.release()
