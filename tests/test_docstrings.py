@@ -37,7 +37,5 @@ def test_examples_run(name):
     tests = [test for test in doctest.DocTestFinder().find(module, globs=known) if test.examples]
     assert tests
     for test in tests:
-        runner = doctest.DocTestRunner(
-            optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
-        )
+        runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
         assert runner.run(test).failed == 0, test.name

@@ -19,7 +19,9 @@ NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:e[-+]?\d+)?")
 
 def parted(text):
     """What is said, and its numbers."""
-    return re.sub(r"\s+", " ", NUMBER.sub("#", text)).strip(), [float(n) for n in NUMBER.findall(text)]
+    return re.sub(r"\s+", " ", NUMBER.sub("#", text)).strip(), [
+        float(n) for n in NUMBER.findall(text)
+    ]
 
 
 def test_your_own_problem(tmp_path):

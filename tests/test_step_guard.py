@@ -195,9 +195,7 @@ def test_agents_that_stop_leave_their_share_to_the_others(requirement, key):
 @pytest.mark.parametrize(("allocation", "can"), [(Pooled(), True), (Own(), False)])
 def test_who_takes_over_for_a_stopped_agent(allocation, can, key):
     """Pooled: the others; own: nobody, and the row says so."""
-    guidance = DecoupledGuidance(
-        (PrivateRequirement(margins, BUFFER, allocation),)
-    )
+    guidance = DecoupledGuidance((PrivateRequirement(margins, BUFFER, allocation),))
     z = 0.2 * jax.random.normal(key, (AGENTS, 2))
     moving = jnp.array([False, True, True, True])
     state = guidance.init(z, None)

@@ -55,7 +55,7 @@ def folded(report, present, forced, over, kinks, accepted, z):
         )  # fmt: skip
         return add_point(so_far, point, present), None
 
-    start = empty_summary(jnp.zeros(()), z[0], ROWS)
+    start = empty_summary(jnp.asarray(TAU, jnp.float32), z[0], None, ROWS)
     return jax.lax.scan(step, start, jnp.arange(POINTS))[0]
 
 

@@ -103,7 +103,7 @@ def _steps(field: Any, guidance: DecoupledGuidance, z: Any, condition: Any) -> C
         return guided
 
     def start(z: Any, condition: Any) -> Any:
-        return steps.start(velocity(condition), guidance.init(z, condition), z)
+        return steps.start(velocity(condition), guidance.init(z, condition), z, condition)
 
     def advance(condition: Any, lane: Any) -> Any:
         return steps.advance(velocity(condition), guidance.on_forced_step, None, lane)

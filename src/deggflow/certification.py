@@ -1,6 +1,7 @@
 """Certificates of finished samples, our generations and trajectories made elsewhere."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -146,11 +147,13 @@ def _certify_generations(
 ) -> list[Certificate]:
     _check_mask(mask, samples.z.shape[:-1])
     _check_ends(samples.summary)
-    judged = _judged(guidance, samples.summary.z0, samples.z, condition, mask)
+    kind = samples.summary.z0.dtype
+    judged = _judged(guidance, samples.summary.z0, samples.z, condition, mask, kind)
     out = []
     for k in range(len(samples.z)):
         one, said = jax.tree.map(lambda leaf, k=k: leaf[k], (samples, judged))
-        out.append(_certificate(one, said, guidance, agents, draws[k], keep_trace))
+        present = None if mask is None else mask[k]
+        out.append(_certificate(one, said, guidance, present, agents, draws[k], keep_trace))
     return out
 
 
@@ -160,6 +163,7 @@ def _judged(
     z: Any,
     condition: Any,
     mask: Bool[np.ndarray, "samples agents"] | None,
+    kind: Any,
 ) -> Judged:
     """The verdicts in float64, in batches of the sizes that programs are compiled for; numpy arrays."""
     arrays, rest = eqx.partition(condition, eqx.is_array)
@@ -170,7 +174,8 @@ def _judged(
         first, last = (np.asarray(each[index], np.float64) for each in (z0, z))
         given = eqx.combine(jax.tree.map(lambda leaf, i=index: leaf[i], arrays), rest)
         with jax.enable_x64(True):
-            part = judge_many(guidance, first, last, given, None if mask is None else mask[index])
+            here = None if mask is None else mask[index]
+            part = judge_many(guidance, first, last, given, here, kind)
         parts.append(jax.tree.map(lambda leaf, n=count: np.asarray(leaf)[:n], part))
     return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
 
@@ -232,13 +237,13 @@ def _certify_trajectory(
         made = follow(
             guidance, tau, z, eps, precision, given, present
         )  # fmt: skip
-    ends = z[:1], z[-1:], alone, None if present is None else present[None]
+    ends = z[:1], z[-1:], alone, None if present is None else present[None], z.dtype
     judged = jax.tree.map(lambda leaf: leaf[0], _judged(guidance, *ends))
     summary, trace = jax.tree.map(np.asarray, (made.summary, made.trace))
     tables: Any = (tau, *trace)
     end: Any = z[-1]
     sample = Generation(end, summary, Trace(*tables), None)
-    return _certificate(sample, judged, guidance, agents, draws, keep_trace)
+    return _certificate(sample, judged, guidance, present, agents, draws, keep_trace)
 
 
 def _checked_trajectory(
@@ -262,6 +267,7 @@ def _certificate(
     sample: Generation,
     judged: Judged,
     guidance: DecoupledGuidance,
+    present: Bool[np.ndarray, " agents"] | None,
     agents: Sequence[str] | None,
     draws: int,
     keep_trace: bool,
@@ -270,6 +276,9 @@ def _certificate(
     names, summary = guidance.names, sample.summary
     _check_leaks(judged, names)
     verdicts = verdicts_of(judged.margins, guidance, agents)
+    lost = np.asarray(~np.isfinite(sample.z).all(axis=-1))
+    if present is not None:
+        lost &= present
     nominal = not summary.value.shape[-1]
     made = None
     if not nominal:
@@ -286,15 +295,20 @@ def _certificate(
         (each.reason for each in sorted(verdicts, key=lambda each: each.margin) if each.reason),
         None,
     )
+    least = min(each.margin for each in verdicts)
+    called = agent_names(agents, len(lost))
+    if lost.any():
+        # Margins of what is not finite may be anything: somebody at infinity is far from every obstacle.
+        least, reason = -1e12, f"z is not finite at {called[int(lost.argmax())]}"
+        if made is not None and made.held:
+            made = replace(made, held=False, broken=reason)
     if reason is not None and bool(summary.not_a_number):
-        called = agent_names(agents, summary.stuck.shape[-1])
         rows = names if not nominal else ()
         reason = f"{reason}; {not_a_number(summary.nan, rows, called)}"
     violation = sum(
         value if np.ndim(margin) else max(-margin, 0.0)
         for value, margin in zip(judged.value, judged.margins, strict=True)
     )
-    least = min(each.margin for each in verdicts)
     return Certificate(reason is None, least, finite(violation), draws, reason, made, verdicts)
 
 
@@ -306,6 +320,8 @@ def _made_otherwise(sample: Generation, judged: Judged, names: Sequence[str]) ->
         return f"the sample was generated under other requirements: {count}"
     if not np.array_equal(np.asarray(sample.z), np.asarray(summary.z), equal_nan=True):
         return "z is not the end of its generation"
+    if not np.array_equal(summary.condition, judged.condition):
+        return "the sample was generated under another condition"
     pairs = (
         ("the value at tau = 0", summary.first_value, judged.first_value),
         ("the limit at tau = 0", summary.first_limit, judged.first_limit),
@@ -313,12 +329,13 @@ def _made_otherwise(sample: Generation, judged: Judged, names: Sequence[str]) ->
         ("the limit at tau = 1", summary.limit, judged.limit),
     )
     scale = np.max([np.abs(np.nan_to_num(each)) for _, *two in pairs for each in two], axis=0)
-    least = (
-        1e-5 * np.nan_to_num(np.abs(summary.z)).max()
-    ) ** 2  # V of rounded states that meet h = buffer
+    size = min(float(np.nan_to_num(np.abs(summary.z)).max()), 1e12)
+    least = (1e-5 * size) ** 2  # V of rounded states that meet h = buffer
     for what, was, here in pairs:
         # What is not a number, or beyond float32, is told as such.
-        same = (np.abs(was - here) <= SAME * scale + least) | ~np.isfinite(was)
+        with np.errstate(invalid="ignore", over="ignore"):
+            same = (np.abs(was - here) <= SAME * scale + least) | ~np.isfinite(was)
+        same |= ~np.isfinite(here) & bool(summary.not_a_number)
         if not same.all():
             row = int(np.argmin(same))
             return (

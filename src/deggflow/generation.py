@@ -88,12 +88,14 @@ def generate(
     velocity = _velocity(field, guidance, condition, mask, stops)
     state = guidance.init(z0, condition, mask)
     if guard is None or not guidance.names:
-        return _fixed_steps(velocity, state, z0, grid, solver, mask, keep_trace, keep_path)
+        return _fixed_steps(
+            velocity, state, z0, condition, grid, solver, mask, keep_trace, keep_path
+        )
     steps = GuardedSteps(grid, solver, guard, keep_trace, keep_path)
     end = jax.lax.while_loop(
         steps.unfinished,
         lambda at: steps.advance(velocity, guidance.on_forced_step, mask, at),
-        steps.start(velocity, state, z0),
+        steps.start(velocity, state, z0, condition),
     )
     return _generation(grid, end)
 
@@ -129,7 +131,9 @@ def generate_batch(
             condition, mask, stops = given
             velocity = _velocity(field, guidance, condition, mask, stops)
             state = guidance.init(z0, condition, mask)
-            return _fixed_steps(velocity, state, z0, grid, solver, mask, keep_trace, keep_path)
+            return _fixed_steps(
+                velocity, state, z0, condition, grid, solver, mask, keep_trace, keep_path
+            )
 
         return jax.vmap(fixed)(z0, given)
     steps = GuardedSteps(grid, solver, guard, keep_trace, keep_path)
@@ -137,7 +141,8 @@ def generate_batch(
     def start(z0: Float[Array, "agents dim"], given: tuple[Any, Any, Any]) -> SampleProgress:
         condition, mask, stops = given
         state = guidance.init(z0, condition, mask)
-        return steps.start(_velocity(field, guidance, condition, mask, stops), state, z0)
+        velocity = _velocity(field, guidance, condition, mask, stops)
+        return steps.start(velocity, state, z0, condition)
 
     def advance(given: tuple[Any, Any, Any], at: SampleProgress) -> SampleProgress:
         condition, mask, stops = given
@@ -183,6 +188,7 @@ def _fixed_steps(
     velocity: Velocity,
     state: Any,
     z0: Float[Array, "agents dim"],
+    condition: Any,
     grid: Float[Array, " points"],
     solver: RungeKutta,
     mask: Bool[Array, " agents"] | None,
@@ -206,7 +212,7 @@ def _fixed_steps(
         return ahead, (kept(report) if keep_trace else None, z if keep_path else None)
 
     spans = grid, jnp.append(grid[1:], grid[-1]), jnp.arange(len(grid)) == len(grid) - 1
-    start = z0, empty_summary(grid[0], z0, shapes.value.shape[0])
+    start = z0, empty_summary(grid, z0, condition, shapes.value.shape[0])
     (z, summary), (trace, path) = jax.lax.scan(step, start, spans)
     return Generation(z, summary, None if trace is None else Trace(grid, *trace), path)
 

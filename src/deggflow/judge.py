@@ -6,12 +6,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Integer
 
 from .guidance import DecoupledGuidance, GuidanceReport
 from .guidance.decoupled import least_sine, not_finite
 from .guidance.requirement import Rows
-from .trace import Kept, Point, Summary, add_point, empty_summary, kept
+from .trace import Kept, Point, Summary, add_point, empty_summary, fingerprint, kept
 
 PRECISION = {np.dtype(np.float32): 1e-5, np.dtype(np.float64): 1e-9}
 """Of |ell| |dz/dtau| + |b|, by the type in which states were computed: rows met as closely are met."""
@@ -29,6 +29,9 @@ class Judged(NamedTuple):
     first_value: Float[Array, " rows"]  # at z(0)
     first_limit: Float[Array, " rows"]
     leaks: Bool[Array, " rows"]  # whether the states of absent agents change the verdict
+    condition: Integer[
+        Array, " leaves"
+    ]  # `fingerprint` of the condition asked about, as a generation saw it
 
 
 def judge(
@@ -37,24 +40,28 @@ def judge(
     z: Float[Array, "agents dim"],
     condition: Any,
     mask: Bool[Array, " agents"] | None,
+    dtype: Any,
 ) -> Judged:
-    """The verdict on z(1), and what a generation under these requirements began and ended with."""
+    """The verdict on z(1), and what a generation under these requirements, in states of `dtype`, began and ended with."""
     margins = guidance.margins_at_end(z, condition, mask)
     leaks = jnp.zeros(len(guidance.names), bool)
     if mask is not None:
         # Absent agents somewhere else: nothing that is said of the others may change.
         steps = 1.0 + jnp.arange(z.size, dtype=z.dtype).reshape(z.shape) / z.size
-        elsewhere = jnp.where(mask[:, None], z, steps * (1.0 + jnp.max(jnp.abs(z))))
+        known = jnp.isfinite(z)
+        far = 1.0 + jnp.max(jnp.where(known, jnp.abs(z), 0.0))
+        elsewhere = jnp.where(mask[:, None], z, steps * far)
         moved = guidance.margins_at_end(elsewhere, condition, mask)
         leaks = jnp.stack([
             jnp.any(~((a == b) | (jnp.isnan(a) & jnp.isnan(b))))
             for a, b in zip(margins, moved, strict=True)
-        ])  # fmt: skip
+        ]) & jnp.all(known | ~mask[:, None])  # fmt: skip
     zero, one = jnp.zeros((), z.dtype), jnp.ones((), z.dtype)
     state = guidance.init(z0, condition, mask)
     first = guidance.rows(state, zero, z0, jnp.zeros_like(z0), condition, mask)
     last = guidance.rows(state, one, z, jnp.zeros_like(z), condition, mask)
-    return Judged(margins, last.value, last.limit, first.value, first.limit, leaks)
+    seen = fingerprint(condition, dtype)
+    return Judged(margins, last.value, last.limit, first.value, first.limit, leaks, seen)
 
 
 @eqx.filter_jit
@@ -64,6 +71,7 @@ def judge_many(
     z: Float[Array | np.ndarray, "samples agents dim"],
     condition: Any,
     mask: Bool[Array | np.ndarray, "samples agents"] | None,
+    dtype: Any,
 ) -> Judged:
     """The same of a batch; arrays of `condition` have a leading axis of samples."""
     arrays, rest = eqx.partition(condition, eqx.is_array)
@@ -71,7 +79,7 @@ def judge_many(
     present = None if mask is None else jnp.asarray(mask)
 
     def one(z0: Array, z: Array, arrays: Any, mask: Array | None) -> Judged:
-        return judge(guidance, z0, z, eqx.combine(arrays, rest), mask)
+        return judge(guidance, z0, z, eqx.combine(arrays, rest), mask, dtype)
 
     return jax.vmap(one)(starts, ends, arrays, present)
 
@@ -133,7 +141,7 @@ def follow(
         return add_point(so_far, made, mask), kept(report)
 
     points = jnp.arange(len(tau))
-    start = empty_summary(tau[0], z[0], len(guidance.names))
+    start = empty_summary(tau, z[0], condition, len(guidance.names))
     summary, trace = jax.lax.scan(at, start, (tau, z, velocity, rounding, points == len(tau) - 1))
     work = summary.work._replace(evaluations=jnp.asarray(len(tau)))
     return Followed(summary._replace(work=work), trace)

@@ -74,7 +74,7 @@ class GuardedSteps(NamedTuple):
     keep_path: bool
 
     def start(
-        self, velocity: Velocity, state: Any, z0: Float[Array, "agents dim"]
+        self, velocity: Velocity, state: Any, z0: Float[Array, "agents dim"], condition: Any
     ) -> SampleProgress:
         """Progress of a sample that proposes z(0)."""
         points, tau = self.grid.shape[0], self.grid[0]
@@ -89,7 +89,7 @@ class GuardedSteps(NamedTuple):
             unexpected=row, state=state,
             trace=trace if self.keep_trace else None,
             path=jnp.zeros((points, *z0.shape), z0.dtype) if self.keep_path else None,
-            summary=empty_summary(tau, z0, len(row)),
+            summary=empty_summary(self.grid, z0, condition, len(row)),
         )  # fmt: skip
 
     def advance(
@@ -120,7 +120,9 @@ class GuardedSteps(NamedTuple):
         much_shorter = size <= at.refused_size / 4
         kinks = forced & much_shorter & over & (unexpected > UNSMOOTH * at.unexpected)
         # Rounding of the values, over a short step, is no slope.
-        rounding = ROUNDING * jnp.finfo(size.dtype).eps * (jnp.abs(report.value) + jnp.abs(at.value))
+        rounding = (
+            ROUNDING * jnp.finfo(size.dtype).eps * (jnp.abs(report.value) + jnp.abs(at.value))
+        )
         kinks &= jnp.minimum(unexpected * size, at.unexpected * at.refused_size) > rounding
         first_refusal = refuse & (at.left == self.guard.halvings)
         last = at.goal >= points - 1

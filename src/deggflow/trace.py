@@ -2,8 +2,10 @@
 
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, Integer
 
 from .guidance import GuidanceReport
 
@@ -36,6 +38,34 @@ def kept(report: GuidanceReport) -> Kept:
     return report[: len(Trace._fields) - 1]
 
 
+def fingerprint(condition: Any, dtype: Any) -> Integer[Array, " leaves"]:
+    """A number for each array of a condition, by which a certificate sees that it is asked about another one.
+
+    A sum over the bits of all entries, with weights by their places, modulo 2^32; numbers are compared in the type of the
+    states, in which the generation saw them.
+    """
+    found = [_sum_of_bits(leaf, dtype) for leaf in jax.tree.leaves(condition) if _is_number(leaf)]
+    return jnp.stack(found) if found else jnp.zeros(0, jnp.uint32)
+
+
+def _is_number(leaf: Any) -> bool:
+    if isinstance(leaf, bool | int | float):
+        return True
+    is_array = isinstance(leaf, jax.Array | np.ndarray | np.generic)
+    return is_array and (jnp.issubdtype(leaf.dtype, jnp.number) or leaf.dtype == bool)
+
+
+def _sum_of_bits(leaf: Any, dtype: Any) -> Integer[Array, ""]:
+    values = jnp.asarray(leaf)
+    floating = jnp.issubdtype(values.dtype, jnp.floating)
+    bits = jax.lax.bitcast_convert_type(values.astype(dtype if floating else jnp.int32), jnp.uint32)
+    places = jnp.arange(bits.size, dtype=jnp.uint32)
+    # Mixed before they are weighted, so that entries that change together do not cancel.
+    mixed = (bits.ravel() ^ (bits.ravel() >> 15)) * jnp.uint32(0x85EBCA6B)
+    mixed = (mixed ^ (mixed >> 13)) * (2 * places + 1) * jnp.uint32(0xC2B2AE35)
+    return jnp.sum(mixed ^ (mixed >> 16), dtype=jnp.uint32)
+
+
 class Work(NamedTuple):
     """What the generation took."""
 
@@ -59,11 +89,12 @@ class Summary(NamedTuple):
     What is said of rows and inputs leaves out tau = 1, which no input follows, and agents that are absent.
     """
 
+    condition: Integer[Array, " leaves"]  # its `fingerprint`
     z0: Float[Array, "agents dim"]
     z: Float[Array, "agents dim"]  # at the last accepted point
     first_tau: Float[Array, ""]
     last_tau: Float[Array, ""]
-    ordered: Bool[Array, ""]  # tau fell from no accepted point to the next
+    ordered: Bool[Array, ""]  # the grid increases, and tau fell from no accepted point to the next
     points: Int[Array, ""]  # accepted points, z(0) included
     largest_step: Float[Array, ""]  # greatest distance in z that an agent went from one to the next
     first_value: Float[Array, " rows"]
@@ -102,14 +133,17 @@ class Summary(NamedTuple):
         return inside | (drift < jnp.inf).any(axis=-1) | (given < jnp.inf).any(axis=-1)
 
 
-def empty_summary(tau: Float[Array, ""], z0: Float[Array, "agents dim"], rows: int) -> Summary:
+def empty_summary(
+    grid: Float[Array, " points"], z0: Float[Array, "agents dim"], condition: Any, rows: int
+) -> Summary:
     """The summary before the first point."""
-    dtype, agents = z0.dtype, len(z0)
+    dtype, agents, tau = z0.dtype, len(z0), grid[0]
     count = jnp.zeros((), jnp.int32)
     row, pair = jnp.zeros(rows, dtype), jnp.zeros((rows, agents), dtype)
     never, nothing = jnp.full(agents, jnp.inf, dtype), jnp.zeros((rows, agents), jnp.int32)
     return Summary(
-        z0=z0, z=z0, first_tau=tau, last_tau=tau, ordered=jnp.asarray(True), points=count,
+        condition=fingerprint(condition, dtype), z0=z0, z=z0, first_tau=tau, last_tau=tau,
+        ordered=jnp.all(jnp.diff(grid) > 0), points=count,
         largest_step=jnp.zeros((), dtype), first_value=row, first_limit=row, value=row, limit=row,
         excess=row - jnp.inf, active=jnp.zeros(rows, jnp.int32), length=row + jnp.inf,
         sine=jnp.ones((), dtype), effort=jnp.zeros(agents, dtype), stuck=nothing,
@@ -157,6 +191,7 @@ def add_point(so_far: Summary, point: Point, mask: Bool[Array, " agents"] | None
         return jnp.where(flags & counts, jnp.minimum(before, tau), before)
 
     return Summary(
+        condition=so_far.condition,
         z0=so_far.z0,
         z=when(new, point.z, so_far.z),
         first_tau=when(new & first, tau, so_far.first_tau),

@@ -124,9 +124,7 @@ def test_a_joint_model_from_outside_is_guided():
         offset = z[:, None] - z[None, :] + 10.0 * jnp.eye(3)[..., None]
         return jnp.linalg.norm(offset, axis=-1) - 0.5
 
-    guidance = DecoupledGuidance(
-        (PrivateRequirement(margins, 0.02, name="apart"),)
-    )
+    guidance = DecoupledGuidance((PrivateRequirement(margins, 0.02, name="apart"),))
     z0 = jax.random.normal(jax.random.key(3), (3, 2))
     assert jnp.min(margins(goal + (z0 - goal) / 3, None)) < 0  # where the field alone leads
     sample = jax.jit(lambda z0: generate(field, guidance, z0, None))(z0)

@@ -52,9 +52,7 @@ def test_a_list_of_pairs_shares_as_the_matrix_does(demand, influence, linked):
 
 def test_local_demand_stays_among_those_it_depends_on():
     linked = jnp.eye(AGENTS, dtype=bool).at[0, 1].set(True)
-    share = Local()(
-        jnp.array([4.0, 0, 0, 0, 0]), jnp.array([1.0, 3, 5, 5, 5]), lambda: linked
-    )
+    share = Local()(jnp.array([4.0, 0, 0, 0, 0]), jnp.array([1.0, 3, 5, 5, 5]), lambda: linked)
     np.testing.assert_allclose(share, [1.0, 3.0, 0, 0, 0], atol=1e-6)
 
 

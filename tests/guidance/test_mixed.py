@@ -81,9 +81,7 @@ def guidance():
             name="ceiling",
         ),
     )
-    private = PrivateRequirement(
-        margins, BUFFER, rho=RHO, kappa=KAPPA, name="apart"
-    )
+    private = PrivateRequirement(margins, BUFFER, rho=RHO, kappa=KAPPA, name="apart")
     return DecoupledGuidance(
         (SharedRequirements(factors), private),
         control=lambda tau, z, condition: jnp.asarray(CONTROL, z.dtype),
@@ -245,9 +243,7 @@ def run():
     @jax.vmap
     def both(z0, condition):
         grid = refined_grid(STEPS)
-        out = generate(
-            field, guidance(), z0, condition, grid=grid, guard=None, keep_path=True
-        )
+        out = generate(field, guidance(), z0, condition, grid=grid, guard=None, keep_path=True)
         summary = out.summary
         nominal = generate(field, NoGuidance(), z0, condition, grid=grid).z
         return out.path, nominal, summary, summary.held

@@ -44,9 +44,7 @@ violation = hinge_violation(margins, BUFFER)
 
 
 def requirement(name, reanchored):
-    return PrivateRequirement(
-        margins, BUFFER, allocation=ALLOCATIONS[name], reanchored=reanchored
-    )
+    return PrivateRequirement(margins, BUFFER, allocation=ALLOCATIONS[name], reanchored=reanchored)
 
 
 @pytest.mark.parametrize("name", ALLOCATIONS)
@@ -106,7 +104,9 @@ def excess(name, steps):
     def run(key):
         start, swirl = jax.random.split(key)
         z0 = jax.random.normal(start, (AGENTS, 2))
-        return generate(crowd, guidance, z0, jax.random.normal(swirl, (2, 2)), grid=grid, guard=None)
+        return generate(
+            crowd, guidance, z0, jax.random.normal(swirl, (2, 2)), grid=grid, guard=None
+        )
 
     out = run(jax.random.split(jax.random.key(3), 64))
     v, tau = np.asarray(out.trace.value[..., 0], np.float64), np.asarray(grid)
@@ -167,7 +167,9 @@ def test_a_requirement_no_input_can_change_names_the_agent():
 
     for allocation in ALLOCATIONS.values():
         one = PrivateRequirement(stuck, BUFFER, allocation=allocation)
-        out = generate(crowd, DecoupledGuidance((one,)), jnp.zeros((AGENTS, 2)), jnp.eye(2), guard=None)
+        out = generate(
+            crowd, DecoupledGuidance((one,)), jnp.zeros((AGENTS, 2)), jnp.eye(2), guard=None
+        )
         infeasible = out.trace.infeasible[:-1]
         assert jnp.all(infeasible[:, 1])
         assert not jnp.any(infeasible[:, jnp.array([0, 2, 3])])

@@ -1,9 +1,8 @@
 """Rows of shared requirements: their sum, their offsets, whom they touch."""
 
+from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
-
-from dataclasses import replace
 
 import jax
 import jax.numpy as jnp

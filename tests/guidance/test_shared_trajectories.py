@@ -51,7 +51,9 @@ COARSE, FINE = 100, 400
 @partial(jax.vmap, in_axes=(0, 0, None))
 def trajectory(z0, condition, grid):
     """Under heterogeneous control maps."""
-    return generate(field, guidance(mapped=True), z0, condition, grid=grid, guard=None, keep_path=True)
+    return generate(
+        field, guidance(mapped=True), z0, condition, grid=grid, guard=None, keep_path=True
+    )
 
 
 @cache
@@ -127,7 +129,9 @@ def test_the_change_of_a_factor_by_itself_enters():
     factor = SharedFactor(lambda tau, z, condition: z[0, 0] + 3.0 * jnp.sin(5.0 * tau))
     guide = DecoupledGuidance((SharedRequirements((factor,)),))
     out = jax.jit(
-        lambda z0: generate(lambda tau, z, c: 0.0 * z, guide, z0, None, grid=refined_grid(400, 1.0), guard=None)
+        lambda z0: generate(
+            lambda tau, z, c: 0.0 * z, guide, z0, None, grid=refined_grid(400, 1.0), guard=None
+        )
     )(jnp.full((1, 1), 0.5))
     assert jnp.max(out.trace.value - out.trace.bound) <= 0.02
     end = float(out.z[0, 0]) + 3 * np.sin(5.0)

@@ -1,5 +1,6 @@
 """phi_delta, effective directions and weights: what the proof of prop:c2_feasibility uses, and the proposition."""
 
+from fractions import Fraction
 from typing import NamedTuple
 
 import jax
@@ -234,3 +235,110 @@ def test_adaptive_shares_leave_every_agent_an_input(ell, who, owed, push):
     assert np.all(slack <= 1e-7 * (1 + np.abs(b) + size * np.linalg.norm(proof, axis=-1)[None]))
     longer = np.linalg.norm(u, axis=-1) - np.linalg.norm(proof, axis=-1)
     assert np.all(longer <= 1e-6 * (1 + np.linalg.norm(proof, axis=-1)))
+
+
+# Opposed rows at the end of precision: whoever is said to have an effective direction has an input.
+
+
+def nearly_opposed(rng, rows, inputs, dtype, count=1500):
+    """Rows of all scales, most of them opposed or parallel to an earlier one within 1e-8 to 1e-1 rad, some exactly."""
+    unit = rng.normal(size=(count, rows, inputs))
+    for r in range(1, rows):
+        base = unit[np.arange(count), rng.integers(0, r, count)]
+        base /= np.linalg.norm(base, axis=-1, keepdims=True)
+        aside = rng.normal(size=base.shape)
+        aside -= np.sum(aside * base, axis=-1, keepdims=True) * base
+        aside /= np.linalg.norm(aside, axis=-1, keepdims=True)
+        finest = -8 if dtype == np.float32 else -16
+        angle = 10.0 ** rng.uniform(finest, -1, (count, 1)) * (rng.random((count, 1)) > 0.1)
+        sign = np.where(rng.random((count, 1)) < 0.8, -1, 1)
+        near = sign * (np.cos(angle) * base + np.sin(angle) * aside)
+        unit[:, r] = np.where(rng.random((count, 1)) < 0.7, near, unit[:, r])
+    ell = unit * 10.0 ** rng.uniform(-17, 17, (count, rows, 1))
+    b = rng.normal(size=(count, rows)) * np.linalg.norm(ell, axis=-1)
+    b *= 10.0 ** rng.uniform(-2, 2, b.shape)
+    return ell.astype(dtype), b.astype(dtype)
+
+
+def directions_and_inputs(ell, b, dtype):
+    with jax.enable_x64(dtype == np.float64):
+        d = directions_of(jnp.asarray(ell.swapaxes(0, 1)))
+        found = solve(jnp.asarray(ell.swapaxes(0, 1)), jnp.asarray(b.T))
+    return np.asarray(d).swapaxes(0, 1), np.asarray(found.u), np.asarray(found.feasible)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize(("rows", "inputs"), [(2, 2), (2, 3), (2, 24), (3, 3), (4, 3), (3, 5)])
+@settings(max_examples=4, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_who_has_an_effective_direction_wherever_it_must_act_has_an_input(
+    dtype, rows, inputs, seed
+):
+    """prop:c2_feasibility for opposed rows of every scale, without a tolerance for the rows that oppose each other."""
+    ell, b = nearly_opposed(np.random.default_rng(seed), rows, inputs, dtype)
+    d, u, feasible = directions_and_inputs(ell, b, dtype)
+    assert np.isfinite(d).all()
+    assert np.isfinite(u).all()
+    able = ((b <= 0) | (d != 0).any(axis=-1)).all(axis=-1)
+    assert able.mean() > 0.2
+    assert feasible[able].all()
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_rows_that_contradict_each_other_have_no_direction_and_no_input(dtype, seed):
+    """ell_2 = -c ell_1 in exact arithmetic, with b_1 and b_2 / c apart by more than rounding."""
+    rng = np.random.default_rng(seed)
+    whole = rng.integers(-9, 10, (300, 3)).astype(float)
+    whole[:, 0] += 100 * (whole == 0).all(axis=-1)
+    c = rng.integers(1, 1000, (300, 1)) * 2.0 ** rng.integers(-40, 40, (300, 1))
+    unit = 2.0 ** rng.integers(-40, 40, (300, 1))
+    ell = (np.stack([whole, -c * whole], axis=1) * unit[..., None]).astype(dtype)
+    b = rng.normal(size=(300, 2)).astype(dtype)
+    b[:, 1] *= c[:, 0].astype(dtype)
+    d, _, feasible = directions_and_inputs(ell, b, dtype)
+    assert np.all(d == 0)
+    for k in range(300):
+        first, second = Fraction(float(b[k, 0])), Fraction(float(b[k, 1])) / Fraction(c[k, 0])
+        gap = (first + second) / (abs(first) + abs(second))
+        if abs(gap) > 20 * np.finfo(dtype).eps:
+            assert feasible[k] == (gap <= 0)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("rows", [2, 3])
+@pytest.mark.parametrize("scale", [1e-20, 1e-12, 1e12, 1e20])
+def test_directions_scale_with_their_own_row_alone(dtype, rows, scale):
+    rng = np.random.default_rng(rows)
+    ell = rng.normal(size=(rows, AGENTS, DIM)).astype(dtype)
+    with jax.enable_x64(dtype == np.float64):
+        plain = np.asarray(directions_of(jnp.asarray(ell)))
+        ell[0] *= dtype(scale)
+        scaled = np.asarray(directions_of(jnp.asarray(ell)))
+    assert np.all(np.any(plain != 0, axis=-1))
+    np.testing.assert_allclose(scaled[0] / dtype(scale), plain[0], atol=20 * np.finfo(dtype).eps)
+    np.testing.assert_allclose(scaled[1:], plain[1:], atol=20 * np.finfo(dtype).eps)
+
+
+@pytest.mark.parametrize("rows", [2, 3])
+@pytest.mark.parametrize("what", [np.nan, np.inf])
+def test_a_row_that_is_not_finite_has_no_direction_and_leaves_the_others_theirs(rows, what):
+    ell = np.random.default_rng(0).normal(size=(rows, AGENTS, DIM))
+    ell[0, 1, 2] = what
+    d = double(directions_of, ell)
+    ell[0, 1] = 0.0
+    np.testing.assert_array_equal(d, double(directions_of, ell))
+    assert np.all(d[0, 1] == 0)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize(("factor", "there"), [(0.5, False), (2.0, True)])
+def test_directions_of_two_rows_end_at_the_resolution(dtype, factor, there):
+    angle = factor * 50 * np.finfo(dtype).eps
+    ell = np.array([[[1.0, 0.0]], [[-1.0, angle]]], dtype)
+    with jax.enable_x64(dtype == np.float64):
+        d = np.asarray(directions_of(jnp.asarray(ell)))
+    assert np.all(np.any(d != 0, axis=-1) == there)
+    if there:
+        np.testing.assert_allclose(np.linalg.norm(d, axis=-1), angle, rtol=1e-2)

@@ -5,12 +5,15 @@ orthonormal basis of the active rows, orthogonalised twice: nearly opposed rows 
 Gram matrix would square away.
 """
 
+from functools import reduce
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax.scipy.linalg import solve_triangular
 from jaxtyping import Array, Bool, Float, Int
+
+FEW = 4
 
 
 def resolution(dtype: jnp.dtype) -> float:
@@ -24,6 +27,27 @@ def crossing(dtype: jnp.dtype) -> float:
     So whoever has an effective direction, which is longer than the resolution, is given an input, however it is rounded.
     """
     return resolution(dtype) / 2
+
+
+def dot(a: Float[Array, "*rows inputs"], b: Float[Array, "*rows inputs"]) -> Float[Array, "*rows"]:
+    """The inner product. Few entries one by one: a loop over them costs more than they do."""
+    if a.shape[-1] > FEW:
+        return a @ b if a.ndim == 1 else jnp.sum(a * b, axis=-1)
+    return reduce(jnp.add, [a[..., k] * b[..., k] for k in range(a.shape[-1])])
+
+
+def square(a: Float[Array, "*rows inputs"]) -> Float[Array, "*rows"]:
+    """Of the length of each row."""
+    if a.shape[-1] > FEW:
+        return jnp.sum(a**2, axis=-1)
+    return reduce(jnp.add, [a[..., k] ** 2 for k in range(a.shape[-1])])
+
+
+def largest(a: Float[Array, "*rows inputs"]) -> Float[Array, "*rows"]:
+    """Size of the largest entry of each row; not a number where one is not."""
+    if a.shape[-1] > FEW:
+        return jnp.max(jnp.abs(a), axis=-1)
+    return reduce(jnp.maximum, [jnp.abs(a[..., k]) for k in range(a.shape[-1])])
 
 
 class _State(NamedTuple):

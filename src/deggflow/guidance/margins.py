@@ -132,8 +132,8 @@ def safe_norm(vector: Float[Array, "*shape dim"]) -> Float[Array, "*shape"]:
         Array([0., 0.], dtype=float32)
     """
     square = jnp.sum(vector**2, axis=-1)
-    positive = square > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
+    zero = square == 0  # not so for nan, which stays what it is
+    return jnp.where(zero, 0.0, jnp.sqrt(jnp.where(zero, 1.0, square)))
 
 
 def distances(

@@ -6,7 +6,7 @@ finitely many steps with the exact solution or with the proof that there is none
 once more, and in the end every row is looked at again, at its own scale.
 """
 
-from functools import reduce
+from functools import partial, reduce
 from numbers import Real
 from typing import Any, NamedTuple
 
@@ -16,12 +16,11 @@ import numpy as np
 from jax.scipy.linalg import solve_triangular
 from jaxtyping import Array, Bool, Float
 
-from .active_set import crossing, project_origin
+from .active_set import FEW, crossing, dot, largest, project_origin, square
 from .row_by_row import MAX_INPUTS, MAX_ROWS, project_row_by_row
 
 ROUNDING = 8  # times the precision and the size of what is added up: what a sum of a few products may be off
 PASSES = 8  # each brings rows down that are 1 / precision smaller than those before
-FEW = 4
 ASYMMETRY = (
     1e-5  # relative; the metric is made symmetric, so that what rounding left there does no harm
 )
@@ -53,7 +52,8 @@ def min_norm_input(
     Args:
         ell: One row per requirement, requirement units per input unit.
         b: Offset of each half-space; positive where the agent must act.
-        metric: H, symmetric positive definite; the identity if None.
+        metric: H, symmetric positive definite; the identity if None. Rows whose directions it brings together up to
+            rounding cannot be told apart, and may be called infeasible.
         box: Largest size of each entry of the input; no limit if None.
         norm: Largest `sqrt(u @ metric @ u)`; no limit if None. Where the rows ask for more, the input is
             scaled down to the limit and reported as infeasible.
@@ -71,9 +71,17 @@ def min_norm_input(
     _check_rows(ell, b, metric)
     check_limits(box, norm)
     with jax.default_matmul_precision("highest"):
-        return _min_norm_input(ell, b, metric, box, norm)
+        return _min_norm_input(
+            ell,
+            b,
+            metric,
+            None if box is None else float(box),
+            None if norm is None else float(norm),
+        )
 
 
+# Compiled by itself, so that a call outside a compiled program does not trace its loops anew; else a part of that program.
+@partial(jax.jit, static_argnums=(3, 4), inline=True)
 def _min_norm_input(
     ell: Float[Array, "rows inputs"],
     b: Float[Array, " rows"],
@@ -85,10 +93,9 @@ def _min_norm_input(
     if count == 0:
         return MinNormInput(jnp.zeros(inputs, ell.dtype), jnp.asarray(True))
     rows, offset, well = _unit_rows(ell, b)
-    if metric is None and box is None and count <= 2:
+    if metric is None and box is None and norm is None and count <= 2:
         u, found = _project(rows, offset)
-        if norm is None:
-            return MinNormInput(u, well & found)
+        return MinNormInput(u, well & found)
     if box is not None:
         eye = jnp.eye(inputs, dtype=ell.dtype)
         rows = jnp.concatenate([rows, eye, -eye])
@@ -96,12 +103,12 @@ def _min_norm_input(
     problem = _in_metric(rows, offset, metric)
     u, found = _solved(problem, None if box is None else box / problem.size)
     if norm is not None:
-        size = jnp.sqrt(_square(u if problem.root is None else u @ problem.root))
+        size = jnp.sqrt(square(u if problem.root is None else u @ problem.root))
         most = norm / problem.size
         found &= size <= most * (1 + ROUNDING * float(jnp.finfo(ell.dtype).eps))
         u = u * jnp.minimum(1.0, most / jnp.maximum(size, most))
     found &= _met(problem, u, count)
-    u = u * problem.size
+    u = _within(u * problem.size, box)
     finite = jnp.all(jnp.isfinite(u))
     return MinNormInput(jnp.where(finite, u, 0.0), well & found & finite)
 
@@ -206,11 +213,11 @@ def _unit_rows(
     number = jnp.finfo(ell.dtype)
     tiny = float(number.tiny)
     # The result does not depend on it, so it has no gradient either.
-    top = jax.lax.stop_gradient(_largest(ell))
+    top = jax.lax.stop_gradient(largest(ell))
     live = (top >= tiny) & (top <= 0.01 / tiny)  # not so for nan
     scale = 1 / jnp.where(live, top, 1.0)
     near_one = jnp.where(live[:, None], ell, 0.0) * scale[:, None]
-    inverse = 1 / jnp.sqrt(jnp.where(live, _square(near_one), 1.0))
+    inverse = 1 / jnp.sqrt(jnp.where(live, square(near_one), 1.0))
     asks = b * (scale * inverse) < jnp.inf
     distance = jnp.where(live & asks, b, 0.0) * (scale * inverse)
     # What is asked for must not get lost where numbers end.
@@ -260,12 +267,15 @@ def _in_metric(
     """In v the metric is the identity, and a row reads (L^-1 ell) . v + b <= 0."""
     root = None if metric is None else jnp.linalg.cholesky(metric)
     seen = rows if root is None else solve_triangular(root, rows.T, lower=True).T
-    square = jnp.sum(seen**2, axis=-1)
-    length = jnp.sqrt(jnp.where(square > 0, square, 1.0))
+    length = jnp.sqrt(square(seen))
+    length = jnp.where(length > 0, length, 1.0)
     most = jnp.max(offset / length)
     size = jnp.where(most > 0, most, 1.0)
     offset = length * _near(offset / (length * size))
     return _Problem(rows, offset, seen / length[:, None], length, root, size)
+
+
+_Passes = tuple[Array, Array, Array, Array, Array]  # u, found, lack, rounding, passes
 
 
 def _solved(
@@ -282,11 +292,11 @@ def _solved(
         step, _ = problem.project(_lack(problem, u)[0])
         return jnp.where(found, _within(u + step, box), u), found
 
-    def short(state: tuple[Array, ...]) -> Bool[Array, ""]:
+    def short(state: _Passes) -> Bool[Array, ""]:
         _, found, lack, rounding, passes = state
         return found & jnp.any(lack > 2 * rounding) & (passes < PASSES)
 
-    def once_more(state: tuple[Array, ...]) -> tuple[Array, ...]:
+    def once_more(state: _Passes) -> _Passes:
         u, _, lack, rounding, passes = state
         step, found = problem.project(lack - rounding)
         u = _within(u + step, box)
@@ -317,24 +327,9 @@ def _all(each: Bool[Array, " rows"]) -> Bool[Array, ""]:
     return reduce(jnp.logical_and, each) if len(each) <= FEW else jnp.all(each)
 
 
-def _dot(a: Float[Array, " inputs"], b: Float[Array, " inputs"]) -> Float[Array, ""]:
-    return a @ b if len(a) > FEW else reduce(jnp.add, [a[k] * b[k] for k in range(len(a))])
-
-
-def _square(a: Float[Array, "*rows inputs"]) -> Float[Array, "*rows"]:
-    """Few entries one by one: a loop over them costs more than they do."""
-    if a.shape[-1] > FEW:
-        return jnp.sum(a**2, axis=-1)
-    return reduce(jnp.add, [a[..., k] ** 2 for k in range(a.shape[-1])])
-
-
-def _largest(a: Float[Array, "rows inputs"]) -> Float[Array, " rows"]:
-    if a.shape[-1] > FEW:
-        return jnp.max(jnp.abs(a), axis=-1)
-    return reduce(jnp.maximum, [jnp.abs(a[..., k]) for k in range(a.shape[-1])])
-
-
-def _within(u: Float[Array, " inputs"], box: Float[Array, ""] | None) -> Float[Array, " inputs"]:
+def _within(
+    u: Float[Array, " inputs"], box: Float[Array, ""] | float | None
+) -> Float[Array, " inputs"]:
     return u if box is None else jnp.clip(u, -box, box)
 
 
@@ -356,7 +351,7 @@ def _project_two(
 ) -> tuple[Float[Array, " inputs"], Bool[Array, ""]]:
     """Active sets {}, {0}, {1}, {0, 1} in turn."""
     first, second = distance[0], distance[1]
-    overlap = _dot(unit[0], unit[1])
+    overlap = dot(unit[0], unit[1])
     one = jnp.maximum(distance, 0.0)
     helps = overlap * one  # what meeting the one row alone does for the other
     precision = float(jnp.finfo(unit.dtype).eps)
@@ -364,10 +359,10 @@ def _project_two(
     only_second = first - helps[1] <= ROUNDING * precision * (jnp.abs(first) + jnp.abs(helps[1]))
     # The part of row 1 across row 0, twice: 1 - overlap^2 would have no digits left for nearly parallel rows.
     across = unit[1] - overlap * unit[0]
-    across = across - _dot(across, unit[0]) * unit[0]
-    square = _square(across)
-    cross = square > crossing(unit.dtype) ** 2
-    sine = jnp.sqrt(jnp.where(cross, square, 1.0))
+    across = across - dot(across, unit[0]) * unit[0]
+    breadth = square(across)
+    cross = breadth > crossing(unit.dtype) ** 2
+    sine = jnp.sqrt(jnp.where(cross, breadth, 1.0))
     # A little further than the plane of row 1, so that rounding beside a large row 0 leaves it met.
     beyond = second - overlap * first + 2 * precision * (jnp.abs(second) + jnp.abs(overlap * first))
     both = -first * unit[0] - (beyond / sine) * (across / sine)

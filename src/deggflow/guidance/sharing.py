@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .active_set import project_origin, resolution
+from .active_set import crossing, dot, largest, project_origin, resolution, square
 
 DELTA = 0.02  # half width of the blend in phi_delta (paper, Task 1)
 
@@ -49,6 +49,8 @@ def effective_directions(
 
     Source: paper, before eqn:C2_weights; docs/theory.md for more than two.
     """
+    if len(ell) < 2:
+        return ell
     with jax.default_matmul_precision("highest"):
         return _directions(ell, delta)
 
@@ -57,27 +59,33 @@ def _directions(
     ell: Float[Array, "factors agents inputs"], delta: float
 ) -> Float[Array, "factors agents inputs"]:
     # By the largest entry first, so that squares neither over- nor underflow.
-    largest = jax.lax.stop_gradient(jnp.max(jnp.abs(ell), axis=-1, keepdims=True, initial=0.0))
-    tiny = float(jnp.finfo(ell.dtype).tiny)
-    live = (largest >= tiny) & (largest < jnp.inf)  # not so for nan
-    largest = jnp.where(live, largest, 1.0)
-    near_one = jnp.where(live, ell, 0.0) / largest
-    square = jnp.sum(near_one**2, axis=-1, keepdims=True)
-    length = jnp.sqrt(jnp.where(live, square, 1.0))
-    unit = near_one / length
-    if len(ell) < 2:
-        return jnp.where(live, ell, 0.0)
+    most = jax.lax.stop_gradient(largest(ell))
+    live = (most >= float(jnp.finfo(ell.dtype).tiny)) & (most < jnp.inf)  # not so for nan
+    most = jnp.where(live, most, 1.0)
+    near_one = jnp.where(live[..., None], ell, 0.0) / most[..., None]
+    length = jnp.sqrt(jnp.where(live, square(near_one), 1.0))
+    unit = near_one / length[..., None]
     if len(ell) == 2:
-        against = phi(jnp.clip(jnp.sum(unit[0] * unit[1], axis=-1), -1.0, 1.0), delta)
+        against = phi(jnp.clip(dot(unit[0], unit[1]), -1.0, 1.0), delta)
         # A factor that an agent can't change leaves the other one as it is: its unit is zero.
-        direction = unit - against[None, :, None] * unit[::-1]
+        shift = -against[None, :, None] * unit[::-1]
+        least = resolution(ell.dtype) ** 2
     else:
         others = jnp.array([[b for b in range(len(ell)) if b != a] for a in range(len(ell))])
         project = jax.vmap(jax.vmap(_unopposed), in_axes=(0, 1))
-        direction = project(unit, unit[others].swapaxes(1, 2).swapaxes(0, 1))
+        shift = project(unit, unit[others].swapaxes(1, 2).swapaxes(0, 1))
+        # What is left is known by its square, and the square up to rounding.
+        least = 4 * resolution(ell.dtype)
     # What rounding leaves of a direction that should vanish is none.
-    left = jnp.sum(direction**2, axis=-1, keepdims=True) > resolution(ell.dtype) ** 2
-    return jnp.where(live & left, direction * length, 0.0) * largest
+    there = live & (square(unit + shift) > least)
+    return jnp.where(there[..., None], ell + (length * most)[..., None] * shift, 0.0)
+
+
+def _unopposed(
+    direction: Float[Array, " inputs"], others: Float[Array, "others inputs"]
+) -> Float[Array, " inputs"]:
+    """The way to the nearest point from which no other row points away: `others @ (direction + way) >= 0`."""
+    return project_origin(-others, -(others @ direction), crossing(direction.dtype))[0]
 
 
 def _normalised(

@@ -29,6 +29,7 @@ def violation_of(z, condition):
 def and_gradient(z, condition):
     return TABLETOP.violation_and_gradient(z, condition, BUFFER)
 
+
 ROUNDING = 5e-7  # m, object sizes are float32 in a compiled program
 
 
@@ -231,7 +232,9 @@ def test_value_and_gradient_of_a_batch_are_those_of_its_scenes():
     z = jax.random.normal(jax.random.key(0), (*arrays.mask.shape, 3)) * 0.5
 
     def plain(z, condition):
-        return violation_of(z, condition), jax.grad(lambda z: jnp.sum(violation_of(z, condition)))(z)
+        return violation_of(z, condition), jax.grad(lambda z: jnp.sum(violation_of(z, condition)))(
+            z
+        )
 
     wanted = jax.jit(jax.vmap(plain))(z, arrays)
     for run in (jax.vmap(and_gradient), partial(_one_by_one, and_gradient)):
