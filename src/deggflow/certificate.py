@@ -108,27 +108,20 @@ class Certificate:
 
 def _record_lines(made: GenerationRecord | None, margins: dict[str, str]) -> list[str]:
     if made is None:
-        rows = [("requirement", "margin"), *margins.items()]
-        return (
-            ["no record: no requirement guided this generation", *columns(rows)] if margins else []
-        )
+        if not margins:
+            return []
+        table = columns([("requirement", "margin"), *margins.items()])
+        return ["no record: no requirement guided this generation", *table]
     sine = "no rows opposed" if made.least_sine is None else f"least sine {made.least_sine:.2g}"
     points = count_points(made.steps + 1)
     apart = "" if made.largest_step is None else f", at most {made.largest_step:.3g} apart"
     held = f"held at all {points}{apart}" if made.held else f"did not hold: {made.broken}"
-    head = (
-        "requirement",
-        "margin",
-        "at the end",
-        "limit",
-        "most above",
-        "active at",
-        "least |ell|",
-    )
-    rows = [
+    head: tuple[str, ...] = (
+        "requirement", "at the end", "limit", "most above", "active at", "least |ell|",
+    )  # fmt: skip
+    rows: list[tuple[str, ...]] = [
         (
             each.name,
-            margins.get(each.name, "-"),
             f"{each.value:.3g}",
             f"{each.limit:.3g}",
             f"{each.excess:.3g}",
@@ -137,6 +130,9 @@ def _record_lines(made: GenerationRecord | None, margins: dict[str, str]) -> lis
         )
         for each in made.requirements
     ]
+    if margins:  # tasks that judge the decoded object have theirs elsewhere
+        head = (head[0], "margin", *head[1:])
+        rows = [(row[0], margins.get(row[0], "-"), *row[1:]) for row in rows]
     taken = f"{made.steps} steps, {made.refused} refused, {made.forced} forced"
     lines = [f"conditions {held}", f"{taken}; {sine}; largest |u| {made.effort:.3g}"]
     return lines + columns([head, *rows])
