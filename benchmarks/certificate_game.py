@@ -12,6 +12,7 @@ One case again: --only KIND --case N with the same --seed and --batch.
 """
 
 import argparse
+import gc
 import sys
 import time
 import warnings
@@ -19,6 +20,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import jax
 from game import altered, generated
 from game.generated import Case
 from game.tally import BARS, REFUSALS, Tally
@@ -26,6 +28,9 @@ from game.wirings import play_wirings
 
 BATCH = 512
 SHOWN = 12  # incidents of one sort and kind that are printed
+
+
+PROGRAMS = 30  # cases after which compiled programs are thrown away
 
 
 @dataclass(frozen=True)
@@ -131,6 +136,9 @@ def run(samples, seed, batch, *, progress=lambda text: None, wirings=True, only=
     else:
         chosen = cases(samples, batch)
     for at, (kind, case) in enumerate(chosen):
+        if at % PROGRAMS == PROGRAMS - 1:
+            jax.clear_caches()  # a process may hold so many pieces of memory and no more
+            gc.collect()
         done += play(kind, case, seed, batch, tallies[kind])
         took = time.perf_counter() - begun
         progress(f"{at + 1} of {len(chosen)} cases, {done} samples, {took:.0f} s, {kind} {case}")
