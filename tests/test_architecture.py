@@ -30,6 +30,7 @@ FLOORS = [
         "generation",
         "step_guard",
         "certificate",
+        "consistency",
         "certification",
         "judge",
         "recording",

@@ -58,3 +58,13 @@ def test_text_and_lists_are_told_from_everything_else(expect, good, bad, reason)
             expect(value, "a.b")
         assert caught.value.field == "a.b"
         assert caught.value.reason == reason + (value if value == "a" else json.dumps(value))
+
+
+def test_a_byte_order_mark_before_the_first_line_is_no_part_of_it(tmp_path):
+    """Editors write one; anywhere else it is an error."""
+    path = tmp_path / "marked.jsonl"
+    path.write_bytes(b"\xef\xbb\xbf[1]\n[2]\n")
+    assert read_lines(path, list, "list") == [[1], [2]]
+    path.write_bytes(b"[1]\n\xef\xbb\xbf[2]\n")
+    with pytest.raises(InputError, match="line 2: not JSON"):
+        read_lines(path, list, "list")

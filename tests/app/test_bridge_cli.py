@@ -164,6 +164,53 @@ def test_what_was_tampered_with_is_not_certified(trials, inside):
         assert whole.stdout.strip() == totals(1 if where == 1 else 2, 1, bad, *others)
 
 
+def test_what_contradicts_itself_is_not_certified(trials, inside):
+    moved, *others = [json.loads(line) for line in trials.read_text().splitlines()]
+    policies = moved["certificate"]["policies"]
+    for changes, field in (
+        ({"reason": "because"}, "certificate.reason"),
+        ({"satisfied": False}, "certificate.satisfied"),
+        ({"violation": 5}, "certificate.violation"),
+        ({"draws": 7}, "certificate.draws"),
+        ({"policies": []}, "certificate.policies"),
+        ({"policies": policies[1:]}, "certificate.policies"),
+        (
+            {"policies": [{**policies[0], "q_task": policies[0]["q_task"] - 1}, *policies[1:]]},
+            "certificate.policies[0].q_task",
+        ),
+    ):
+        bad = {**moved, "certificate": {**moved["certificate"], **changes}}
+        write(trials, [bad, *others])
+        found = inside("bridge", "certify", trials, "--lines", 1)
+        assert found.returncode == 3
+        assert f"line 1: field `{field}` " in found.stdout
+        assert totals(1, 1, bad) in found.stdout
+
+
+def test_trials_are_compared_with_what_was_asked_for(trials, inside, tmp_path):
+    """A goal that was moved, a trial that is missing: nothing in the file itself shows it."""
+    first, there, _ = [json.loads(line) for line in trials.read_text().splitlines()]
+    write(trials, [first, there])
+    asked = tmp_path / "asked.jsonl"
+    arguments = ("bridge", "certify", trials, "--conditions", asked)
+    write(asked, CONDITIONS[:2])
+    good = inside(*arguments)
+    assert good.returncode == 0
+    named = good.stdout.splitlines()[-2]
+    assert named.startswith(
+        "Not to be verified from the file: condition.goal (but by --conditions)"
+    )
+    write(asked, [{**CONDITIONS[0], "goal": {**GOAL, "x": -0.3}}, CONDITIONS[1]])
+    found = inside(*arguments)
+    assert found.returncode == 3
+    assert "line 1: field `condition.goal.x` is -0.2; asked for was -0.3" in found.stdout
+    assert totals(2, 1, first, there) in found.stdout
+    write(asked, CONDITIONS)
+    found = inside(*arguments)
+    assert found.returncode == 3
+    assert "line 3 is missing: 3 lines were asked for, the file has 2" in found.stdout
+
+
 def test_what_is_no_trial_is_refused(trials, inside):
     rows = [json.loads(line) for line in trials.read_text().splitlines()]
     for path, new, text in (

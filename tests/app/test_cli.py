@@ -1,7 +1,6 @@
 """The command line as a user runs it: processes, exit codes, files."""
 
 import json
-import math
 import signal
 import time
 from pathlib import Path
@@ -180,111 +179,6 @@ def test_bad_arguments_exit_with_2(inside, tmp_path, arguments, hint):
     assert found.returncode == 2, found.stderr
     assert hint in found.stderr
     assert not any(tmp_path.iterdir())
-
-
-POSES = {"laptop": (-0.3, 0.0, math.pi), "pen_cup": (0.3, 0.0, 0.0)}
-# The nearest things are an edge of the table and the laptop's region.
-ROOM = 0.7 - 0.3 - 0.155 - 0.07
-
-
-def scene(satisfied=True, margin=ROOM, reason=None, **poses):
-    """A laptop and a pen cup that look away from each other, and what a certificate says of them."""
-    placed = {
-        name: dict(zip(("x", "y", "theta"), pose, strict=True)) for name, pose in POSES.items()
-    }
-    for name, changed in poses.items():
-        placed[name] = {**placed[name], **changed}
-    return {
-        "condition": {"objects": list(placed)},
-        "objects": [{"name": name, **pose} for name, pose in placed.items()],
-        "certificate": {
-            "satisfied": satisfied,
-            "min_margin": margin,
-            "violation": 0.0,
-            "draws": 1,
-            "reason": reason,
-        },
-        "seed": 0,
-    }
-
-
-def totals(satisfied, many, wrong):
-    return (
-        f"{satisfied} of {many} scenes satisfy every requirement; "
-        f"{wrong} certificates say otherwise than exact geometry and Shapely."
-    )
-
-
-OVERLAP = "laptop and pen_cup overlap by 0.0190 m"
-INTO = {"x": -0.2}  # the cup: 0.079 - 0.1 + 0.006 + 0.034 m into the laptop
-HONEST = scene(False, -0.019, OVERLAP, pen_cup=INTO)
-HONEST["certificate"]["violation"] = (0.02 + 0.019) ** 2  # half of it for either object
-PROUD = scene(margin=0.5)
-
-
-def test_good_scenes_are_certified_anew(inside, tmp_path):
-    path = conditions(tmp_path / "s.jsonl", scene(), scene(pen_cup={"theta": 0.1}))
-    found = inside("tabletop", "certify", path)
-    assert (found.returncode, found.stderr) == (0, "")
-    assert found.stdout.count("now it holds (least margin") == 2
-    assert f"line 1: now it holds (least margin {ROOM:.3g} m)" in found.stdout
-    assert f"satisfied; least margin {ROOM:.3g}, V 0, 1 draw" in found.stdout
-    assert totals(2, 2, 0) in found.stdout
-    quiet = inside("tabletop", "certify", path, "--quiet")
-    assert (quiet.returncode, quiet.stdout.strip()) == (0, totals(2, 2, 0))
-
-
-TAMPERED = {
-    "a pose moved": (scene(pen_cup=INTO), f"does NOT hold: {OVERLAP}", totals(0, 1, 1)),
-    "a flag flipped": (scene(False), "now it holds", totals(1, 1, 1)),
-    "a bad one called good": (scene(pen_cup={"x": 0.7}), "over the table's edge", totals(0, 1, 1)),
-    "a margin made larger": (PROUD, "the certificate is not true", totals(1, 1, 1)),
-    "a bad one called bad": (HONEST, f"does NOT hold: {OVERLAP}", totals(0, 1, 0)),
-}
-
-
-@pytest.mark.parametrize("what", TAMPERED)
-def test_what_does_not_hold_is_not_certified(inside, tmp_path, what):
-    """Behind a good one, alone and with it; whatever its own certificate says."""
-    bad, text, alone = TAMPERED[what]
-    path = conditions(tmp_path / "s.jsonl", scene(), bad)
-    found = inside("tabletop", "certify", path, "--lines", 2)
-    assert (found.returncode, found.stderr) == (3, "")
-    assert found.stdout.startswith("line 2: ")
-    assert text in found.stdout
-    assert alone in found.stdout
-    both = inside("tabletop", "certify", path)
-    assert both.returncode == 3
-    assert "line 1: now it holds" in both.stdout
-    assert inside("tabletop", "certify", path, "--lines", 1).returncode == 0
-
-
-def test_text_of_a_file_does_not_move_the_cursor(inside, tmp_path):
-    path = conditions(tmp_path / "s.jsonl", scene(False, reason="\x1b[31mred\ud800"))
-    found = inside("tabletop", "certify", path)
-    assert found.returncode == 3
-    assert "NOT satisfied: \\x1b[31mred\\ud800;" in found.stdout
-
-
-def test_what_is_no_scene_is_refused(inside, tmp_path):
-    for bad, text in (
-        (scene(satisfied=1), "line 2, field `certificate.satisfied`: must be true or false"),
-        (scene(pen_cup={"x": None}), "line 2, field `objects[1].x`: must be a number"),
-        (scene(pen_cup={"z": 0}), "line 2, field `objects[1].z`: unknown key"),
-        ({"objects": ["laptop"]}, "line 2, field `condition`: is missing"),
-    ):
-        path = conditions(tmp_path / "s.jsonl", scene(), bad)
-        found = inside("tabletop", "certify", path)
-        assert (found.returncode, found.stdout) == (2, "")
-        assert len(found.stderr.splitlines()) == 1
-        assert text in found.stderr
-    path.write_bytes(b'{"condition": ')
-    assert "line 1: not JSON" in inside("tabletop", "certify", path).stderr
-    path = conditions(path, scene())
-    for line in (0, 2):
-        outside = inside("tabletop", "certify", path, "--lines", line)
-        assert outside.returncode == 2
-        assert f"--lines must lie in [1, 1]; got {line}" in outside.stderr
 
 
 def test_a_trace_is_kept_with_every_requirement(inside, tmp_path):

@@ -8,6 +8,7 @@ import tyro
 
 from deggflow.jsonl import InputError
 
+from .certifying import against, chosen_lines, conclude, read, tell
 from .runs import (
     MAX_COUNT,
     MAX_SEED,
@@ -250,40 +251,50 @@ def evaluate(
 
 
 def certify(
-    trials: Annotated[Path, tyro.conf.Positional], lines: tuple[int, ...] = (), quiet: bool = False
+    trials: Annotated[Path, tyro.conf.Positional],
+    lines: tuple[int, ...] = (),
+    conditions: Path | None = None,
+    quiet: bool = False,
 ) -> int:
-    """Check the trials of a file anew, whoever made them: replayed by an independent integrator and Shapely.
+    """Check the trials of a file anew, whoever made them: replayed by an independent integrator and Shapely, and against themselves.
 
     Exit code 0: every trial bridges the gap; 3: some do not, or something a line says is not true; 2: bad input.
 
     Args:
         trials: File of trials, as `generate` writes it.
         lines: Which lines of the file, from 1 (default: all).
+        conditions: File of the conditions that were asked for, in order: every line must be of the one of its number.
         quiet: Print the totals alone.
     """
-    from deggflow.tasks.bridge.formats import read_trials
+    from deggflow.tasks.bridge.consistency import UNVERIFIED, contradictions, other_condition
+    from deggflow.tasks.bridge.formats import parse_trial, read_conditions
     from deggflow.tasks.bridge.oracle import fastest_contact, refutation
 
-    found = read_trials(trials)
-    chosen = lines or tuple(range(1, len(found) + 1))
-    for line in chosen:
-        in_range("lines", line, 1, len(found))
+    found = read(trials, parse_trial, "bridge trial")
+    chosen = chosen_lines(lines, len(found))
+    wanted = None if conditions is None else read_conditions(conditions)
+    asked = against(wanted, [trial.condition for trial, _ in found], other_condition)
     bridged = refuted = 0
     fastest = 0.0
-    for line in chosen:
-        trial = found[line - 1]
-        wrong = refutation(trial.to_json())
+    for number in chosen:
+        trial, line = found[number - 1]
+        wrong = refutation(line)
+        untrue = [*contradictions(line), *asked.of(number)]
         bridged += trial.success and wrong is None
-        refuted += wrong is not None
-        fastest = max(fastest, fastest_contact(trial.to_json()))
+        refuted += wrong is not None or bool(untrue)
+        fastest = max(fastest, fastest_contact(line))
         if not quiet:
-            print(f"line {line}: the replay {'agrees' if wrong is None else f'finds that {wrong}'}")
+            says = "agrees" if wrong is None else f"finds that {wrong}"
+            print(printable(f"line {number}: the replay {says}"))
+            tell(number, untrue)
             print(f"the certificate says: {printable(trial.certificate.table())}\n")
+    conclude(asked, UNVERIFIED, quiet=quiet)
     output().print(
         f"{bridged} of {len(chosen)} trials bridge the gap; the replay refutes what {refuted} say; "
         f"the fastest contact point moved at {fastest:.3f} m/s."
     )
-    return SATISFIED if bridged == len(chosen) and not refuted else NOT_SATISFIED
+    true = not refuted and asked.missing is None
+    return SATISFIED if bridged == len(chosen) and true else NOT_SATISFIED
 
 
 def render(

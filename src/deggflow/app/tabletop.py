@@ -8,6 +8,7 @@ import tyro
 
 from deggflow.jsonl import InputError
 
+from .certifying import against, chosen_lines, conclude, read, tell
 from .runs import (
     MAX_COUNT,
     MAX_SEED,
@@ -253,45 +254,54 @@ def evaluate(
 
 
 def certify(
-    scenes: Annotated[Path, tyro.conf.Positional], lines: tuple[int, ...] = (), quiet: bool = False
+    scenes: Annotated[Path, tyro.conf.Positional],
+    lines: tuple[int, ...] = (),
+    conditions: Path | None = None,
+    quiet: bool = False,
 ) -> int:
-    """Check the scenes of a file anew, whoever made them: by exact geometry, and by Shapely.
+    """Check the scenes of a file anew, whoever made them: by exact geometry, by Shapely, and against themselves.
 
-    Exit code 0: every scene satisfies its requirements; 3: some do not, or a certificate is not true; 2: bad input.
+    Exit code 0: every scene satisfies its requirements; 3: some do not, or a line says what is not so; 2: bad input.
 
     Args:
         scenes: File of scenes, as `generate` writes it.
         lines: Which lines of the file, from 1 (default: all).
+        conditions: File of the conditions that were asked for, in order: every line must be of the one of its number.
         quiet: Print the totals alone.
     """
-    from deggflow.tasks.tabletop.formats import read_scenes
-    from deggflow.tasks.tabletop.oracle import refutes
+    from deggflow.tasks.tabletop.consistency import (
+        UNVERIFIED,
+        contradictions,
+        holds,
+        other_condition,
+    )
+    from deggflow.tasks.tabletop.formats import parse_scene, read_conditions
 
-    found = read_scenes(scenes)
-    chosen = lines or tuple(range(1, len(found) + 1))
-    for line in chosen:
-        in_range("lines", line, 1, len(found))
+    found = read(scenes, parse_scene, "tabletop scene")
+    chosen = chosen_lines(lines, len(found))
+    wanted = None if conditions is None else read_conditions(conditions)
+    asked = against(wanted, [scene.condition for scene, _ in found], other_condition)
     satisfied = wrong = 0
-    for line in chosen:
-        scene = found[line - 1]
+    for number in chosen:
+        scene, line = found[number - 1]
         verdict = scene.verdict()
-        holds = verdict.satisfied and not refutes(scene.condition, scene.poses)
-        satisfied += holds
-        claim = scene.certificate
-        true = holds == claim.satisfied == (claim.reason is None)
-        true &= abs(claim.min_margin - verdict.min_margin) <= TOLERANCE
-        true &= abs(claim.violation - verdict.violation) <= TOLERANCE
-        wrong += not true
+        good = holds(scene, verdict)
+        untrue = [*contradictions(line), *asked.of(number)]
+        satisfied += good
+        wrong += bool(untrue)
         if not quiet:
-            said = "holds" if holds else f"does NOT hold: {verdict.reason(scene.condition.objects)}"
+            said = "holds" if good else f"does NOT hold: {verdict.reason(scene.condition.objects)}"
             said += f" (least margin {verdict.min_margin:.3g} m)"
-            print(f"line {line}: now it {said}{'' if true else '; the certificate is not true'}")
-            print(f"the certificate says: {printable(claim.table())}\n")
+            print(f"line {number}: now it {said}{'; the line is not true' if untrue else ''}")
+            tell(number, untrue)
+            print(f"the certificate says: {printable(scene.certificate.table())}\n")
+    conclude(asked, UNVERIFIED, quiet=quiet)
     output().print(
         f"{satisfied} of {len(chosen)} scenes satisfy every requirement; "
-        f"{wrong} certificates say otherwise than exact geometry and Shapely."
+        f"{wrong} lines say what is not so."
     )
-    return SATISFIED if satisfied == len(chosen) and not wrong else NOT_SATISFIED
+    true = not wrong and asked.missing is None
+    return SATISFIED if satisfied == len(chosen) and true else NOT_SATISFIED
 
 
 def render(

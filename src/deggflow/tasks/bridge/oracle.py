@@ -1,16 +1,19 @@
 """A second opinion on trials: replayed by exponential series of matrices, judged by Shapely, from what a file holds.
 
+Between two poses a point's coordinate, whose second derivative is at most |omega| |v|, stays within h^2 |omega| |v| / 8 of
+what lies on the straight line between them. Where that could break something, the time between is halved until it can't.
+
 Shares only the place's dimensions with the rest of the package.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from shapely.geometry import box
 
 from .world import (
@@ -29,14 +32,19 @@ from .world import (
     Y_MIN,
 )
 
-PARTS = 8  # poses looked at in every action
+PARTS = (
+    8  # poses looked at in every action, besides those between that are looked at where it is close
+)
 TOLERANCE = 1e-8  # m, rounding of float64 arithmetic
+_FINER = 16  # times as many, where depths are measured
 TERMS = 40  # of the exponential series
 SAGITTA = 1e-3  # m by which a least margin may differ, as it is taken at other poses
+FLOOR = 1e-9  # m; what margins do between two poses that are as close is below rounding
 
 _FAR = 1e3  # m, beyond everything
+_REACH = float(np.hypot(PLANK_LENGTH / 2, CENTRE_SIDE))  # m, no point that counts is farther out
 _WORKSPACE = box(X_MIN, Y_MIN, X_MAX, Y_MAX)
-_GAP = box(GAP_LEFT, -_FAR, GAP_RIGHT, _FAR)
+_OFF_LEFT, _OFF_RIGHT = box(GAP_LEFT, -_FAR, _FAR, _FAR), box(-_FAR, -_FAR, GAP_RIGHT, _FAR)
 _LEFT, _RIGHT = box(-_FAR, -_FAR, GAP_LEFT, _FAR), box(GAP_RIGHT, -_FAR, _FAR, _FAR)
 _HALF_WAY = PLANK_LENGTH / 2 - ROBOT_RADIUS - END_CLEARANCE  # m
 _BLAMED = re.compile(
@@ -49,7 +57,7 @@ Moves = Float[np.ndarray, "moves 3 3"]
 
 
 class Motion(NamedTuple):
-    """Margins (m) at every pose of a replay: the initial one, then `PARTS` of every action."""
+    """Margins (m) at every pose of a replay."""
 
     plank: Float[np.ndarray, " poses"]  # inside the workspace
     support: Float[
@@ -57,7 +65,12 @@ class Motion(NamedTuple):
     ]  # on the left and on the right ground, beyond what is needed
     way: Float[np.ndarray, "poses 2"]  # of the robots' way beyond the left and the right edge
     wall: Float[np.ndarray, "poses robots"]  # robots inside the workspace
-    gap: Float[np.ndarray, "poses robots"]  # robots off the gap
+    off: Float[np.ndarray, "poses robots 2"]  # robots on the left and on the right of the gap
+
+    @property
+    def gap(self) -> Float[np.ndarray, "poses robots"]:
+        """Robots off the gap, on either ground."""
+        return np.asarray(self.off.max(-1))
 
     @property
     def least(self) -> Float[np.ndarray, " poses"]:
@@ -68,6 +81,16 @@ class Motion(NamedTuple):
     def bridges(self, spare: float) -> Bool[np.ndarray, " poses"]:
         """Whether the plank bridges the gap, with so much to spare."""
         return np.minimum(self.support.min(-1), self.way.min(-1)) >= spare
+
+    def at(self, index: Int[np.ndarray, " some"]) -> "Motion":
+        """Margins at some of the poses."""
+        return Motion(*(leaf[index] for leaf in self))
+
+    def either(self) -> Float[np.ndarray, "poses margins 2"]:
+        """All that must not fail; one of the two has to hold, as on the left or on the right."""
+        same = np.column_stack([self.plank, self.wall])
+        both = np.repeat(same[..., None], 2, axis=-1)
+        return np.concatenate([both, self.support[:, None], self.off], axis=1)
 
 
 def _placed(moves: Moves, points: Float[np.ndarray, "points 2"]) -> np.ndarray:
@@ -132,8 +155,117 @@ def judge(value: Mapping[str, Any], moves: Moves) -> Motion:
         np.where(np.isnan(support), -_FAR, support),  # nothing of the plank is there
         np.column_stack([GAP_LEFT - reach[:, 0], reach[:, 2] - GAP_RIGHT]) - CORRIDOR,
         _inside(robots) - ROBOT_RADIUS,
-        shapely.distance(robots, _GAP) - ROBOT_RADIUS,
+        np.stack([shapely.distance(robots, off) for off in (_OFF_LEFT, _OFF_RIGHT)], -1)
+        - ROBOT_RADIUS,
     )
+
+
+class Looked(NamedTuple):
+    """A replay in order of time, closer where something may fail between two poses."""
+
+    motion: Motion
+    action: Int[np.ndarray, " poses"]  # that leads to the pose, from 1; 0: the initial pose
+
+    @property
+    def ends(self) -> Int[np.ndarray, " ends"]:
+        """Which poses are the initial one and the last of every action."""
+        return np.flatnonzero(np.diff(self.action, append=self.action[-1] + 1))
+
+
+class _Between(NamedTuple):
+    """Times between two poses: of which part, from when to when after it begins (s), and the margins then."""
+
+    part: Int[np.ndarray, " times"]
+    begin: Float[np.ndarray, " times"]
+    end: Float[np.ndarray, " times"]
+    before: Motion
+    after: Motion
+
+
+def _may_fail(times: _Between, dip: Float[np.ndarray, " times"]) -> Bool[np.ndarray, " times"]:
+    """Where something may fail that holds at both ends, a side of the gap being the same at both."""
+    before, after = times.before.either(), times.after.either()
+    holds = np.minimum(before.max(-1), after.max(-1)) >= -TOLERANCE
+    low = np.minimum(before, after).max(-1) - dip[:, None]
+    return np.asarray((holds & (low < -FLOOR)).any(-1))
+
+
+def look(value: Mapping[str, Any], moves: Moves) -> Looked:
+    """Margins of a replay at its poses and wherever else something may fail.
+
+    Args:
+        value: A trial as it stands in a file.
+        moves: Of `replay`.
+    """
+    twists = np.repeat(np.array(value["twists"], np.float64).reshape(-1, 3), PARTS, axis=0)
+    lines, turn = _generators(twists), np.abs(twists[:, 2])
+    speed = np.hypot(twists[:, 0], twists[:, 1]) + turn * _REACH
+    parts, whole = np.arange(len(twists)), judge(value, moves)
+    step = value["dt"] / PARTS
+    times = _Between(parts, 0.0 * parts, 0.0 * parts + step, whole.at(parts), whole.at(parts + 1))
+    found = [(np.array([-PARTS, *parts]), np.array([step, *times.end]), whole)]
+    while len(times.part):
+        width = times.end - times.begin
+        dip = width**2 * (turn * speed)[times.part] / 8
+        unsure = _may_fail(times, dip) & (dip + width * speed[times.part] > FLOOR)
+        part, begin, end = (leaf[unsure] for leaf in times[:3])
+        half = (begin + end) / 2
+        there = moves[part] @ _exponential(lines[part] * half[:, None, None])
+        motion = judge(value, there)
+        found.append((part, half, motion))
+        before, after = (leaf.at(np.flatnonzero(unsure)) for leaf in times[3:])
+        times = _Between(
+            np.concatenate([part, part]),
+            np.concatenate([begin, half]),
+            np.concatenate([half, end]),
+            _joined([before, motion]),
+            _joined([motion, after]),
+        )
+    part, when = (np.concatenate(each) for each in tuple(zip(*found, strict=True))[:2])
+    order = np.lexsort((when, part))
+    motion = _joined([each[2] for each in found]).at(order)
+    return Looked(motion, part[order] // PARTS + 1)
+
+
+def _joined(motions: Sequence[Motion]) -> Motion:
+    return Motion(*(np.concatenate(leaves) for leaves in zip(*motions, strict=True)))
+
+
+def least_margin(value: Mapping[str, Any]) -> tuple[float, float]:
+    """Least distance to a failure of everything executed, negative by its depth, and by how much it may be off (m).
+
+    From where corners and centres come at 128 poses of every action, not from shapes: those have no depth.
+
+    Args:
+        value: A trial as it stands in a file.
+    """
+    moves = replay(value)
+    twists = np.repeat(np.array(value["twists"], np.float64).reshape(-1, 3), PARTS, axis=0)
+    step = value["dt"] / PARTS
+    finer = _exponential(_generators(np.repeat(twists, _FINER, axis=0)) * (step / _FINER))
+    for k in range(1, _FINER):
+        part = finer[k::_FINER]
+        part[:] = part @ finer[k - 1 :: _FINER]
+    every = np.repeat(moves[:-1], _FINER, axis=0) @ finer
+    speed = np.hypot(twists[:, 0], twists[:, 1]) + np.abs(twists[:, 2]) * _REACH
+    least = _depth(value, np.concatenate([moves[:1], every]))
+    return least, float(speed.max(initial=0.0)) * step / _FINER / 2
+
+
+def _depth(value: Mapping[str, Any], moves: Moves) -> float:
+    half = np.array([PLANK_LENGTH, PLANK_WIDTH]) / 2
+    corners = _placed(moves, np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * half)
+    contacts = np.array(value["condition"]["contacts"], np.float64)
+    centres = np.column_stack([contacts[:, 0], CENTRE_SIDE * np.sign(contacts[:, 1])])
+    robots = _placed(moves, centres)
+    low, high = np.array([X_MIN, Y_MIN]), np.array([X_MAX, Y_MAX])
+    support = np.maximum(GAP_LEFT - corners[..., 0].min(-1), corners[..., 0].max(-1) - GAP_RIGHT)
+    off = np.maximum(GAP_LEFT - robots[..., 0], robots[..., 0] - GAP_RIGHT)
+    found = (
+        *(corners - low, high - corners, support - SUPPORT),
+        *(robots - low - ROBOT_RADIUS, high - robots - ROBOT_RADIUS, off - ROBOT_RADIUS),
+    )
+    return float(min(each.min() for each in found))
 
 
 def _poses_differ(value: Mapping[str, Any], moves: Moves) -> str | None:
@@ -147,9 +279,9 @@ def _poses_differ(value: Mapping[str, Any], moves: Moves) -> str | None:
     return f"pose {np.argmax(wrong)} is not where the twists lead" if wrong.any() else None
 
 
-def _goes_on(motion: Motion) -> str | None:
+def _goes_on(looked: Looked) -> str | None:
     """What should have ended the trial before its last action."""
-    ends = slice(0, -1, PARTS)
+    motion, ends = looked.motion, looked.ends[:-1]
     for what, over in (
         ("the gap is bridged", motion.bridges(TOLERANCE)[ends]),
         ("something fails", np.logical_or.accumulate(motion.least < -TOLERANCE)[ends]),
@@ -159,13 +291,13 @@ def _goes_on(motion: Motion) -> str | None:
     return None
 
 
-def _blamed(motion: Motion, reason: str) -> str | None:
+def _blamed(looked: Looked, reason: str) -> str | None:
     """What is wrong with the reason that is given for a failure."""
-    blame = _BLAMED.fullmatch(reason)
+    blame, motion = _BLAMED.fullmatch(reason), looked.motion
     worst = motion.least.min()
     if blame is None:
         return "something fails that is not told" if worst < -TOLERANCE else None
-    last = slice(0, 1) if blame["start"] else slice(-PARTS, None)
+    last = looked.action == (0 if blame["start"] else looked.action[-1])
     if blame["plank"]:
         found = motion.plank if blame["plank"].startswith("leaves") else motion.support.max(-1)
     else:
@@ -209,8 +341,9 @@ def refutation(value: Mapping[str, Any]) -> str | None:
     wrong = _poses_differ(value, moves)
     if wrong is not None:
         return wrong
-    motion = judge(value, moves)
-    wrong = _goes_on(motion)
+    looked = look(value, moves)
+    motion = looked.motion
+    wrong = _goes_on(looked)
     if wrong is not None:
         return wrong
     done = bool(motion.bridges(-TOLERANCE)[-1] and motion.least.min() >= -TOLERANCE)
@@ -220,5 +353,5 @@ def refutation(value: Mapping[str, Any]) -> str | None:
         return "the plank does not bridge the gap unharmed"
     if not success and surely:
         return "the plank bridges the gap unharmed"
-    wrong = None if success else _blamed(motion, reason)
+    wrong = None if success else _blamed(looked, reason)
     return _certificate(value, motion) if wrong is None else wrong

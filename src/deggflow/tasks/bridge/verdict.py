@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from .arcs import crossing_times, in_order, moved, turning_times
 from .world import (
     CENTRE_SIDE,
     CORRIDOR,
@@ -26,10 +27,10 @@ from .world import (
     Y_MIN,
 )
 
-SUB_POSES = 4  # poses looked at in every action
-FINE = 1024  # poses looked at where a point's arc may dip below a margin between two of those
+SUB_POSES = 4  # poses looked at in every action, besides those at which a margin may be least
 _CORNERS = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]]) * [PLANK_LENGTH / 2, PLANK_WIDTH / 2]
-_REACH = float(np.hypot(PLANK_LENGTH / 2, CENTRE_SIDE))  # m, no point that counts is farther out
+_CENTRE = np.zeros((1, 2))
+_REGULAR = DT * np.arange(1, SUB_POSES + 1) / SUB_POSES  # s
 _WAY = PLANK_LENGTH / 2 - ROBOT_RADIUS - END_CLEARANCE  # m, half length of the robots' way
 
 Poses = Float[np.ndarray, "... 3"]
@@ -110,21 +111,7 @@ def bridges(poses: Poses) -> Bool[np.ndarray, "..."]:
 
 def move(pose: Poses, twist: Poses, seconds: float = DT) -> Poses:
     """Poses after a constant body twist, by the exact motion along a circle."""
-    v, turn = twist[..., :2] * seconds, twist[..., 2] * seconds
-    straight = np.abs(turn) < 1e-12
-    angle = np.where(straight, 1.0, turn)
-    a = np.where(straight, 1.0, np.sin(angle) / angle)
-    b = np.where(straight, 0.0, 2 * np.sin(angle / 2) ** 2 / angle)
-    dx, dy = a * v[..., 0] - b * v[..., 1], b * v[..., 0] + a * v[..., 1]
-    cos, sin = np.cos(pose[..., 2]), np.sin(pose[..., 2])
-    return np.stack(
-        [
-            pose[..., 0] + cos * dx - sin * dy,
-            pose[..., 1] + sin * dx + cos * dy,
-            pose[..., 2] + turn,
-        ],
-        -1,
-    )
+    return moved(pose, twist, seconds)
 
 
 def sub_poses(
@@ -156,25 +143,22 @@ def on_the_way(
     twists: Float[np.ndarray, "actions 3"],
     contacts: Sequence[Sequence[float]],
 ) -> list[Passage]:
-    """Every action from the pose it begins at.
-
-    A point moves along an arc. Between two poses h apart in time a coordinate of it, whose second derivative is at
-    most |omega| |v|, dips below the lower of both ends by at most h^2 |omega| |v| / 8. Support may pass from one
-    ground to the other in between, within h |v|. Where either could break something, poses are taken closer.
-    """
-    found = margins(sub_poses(poses, twists), contacts)
-    turn = np.abs(twists[:, 2])
-    speed = np.hypot(twists[:, 0], twists[:, 1]) + turn * _REACH
-    dip = (DT / SUB_POSES) ** 2 * turn * speed / 8
+    """Every action from the pose it begins at, by the least margins of the whole arc (`arcs`)."""
+    if not len(poses):
+        return []
+    robots = robot_centres(contacts)
+    times = in_order(_REGULAR, turning_times(poses, twists, np.concatenate([_CORNERS, robots])))
+    # Where the plank's centre or a robot passes the middle of the gap, what is nearest changes sides.
+    passing = crossing_times(poses, twists, np.concatenate([_CENTRE, robots]), times)
+    if passing.size:
+        times = in_order(_REGULAR, np.concatenate([times, passing], axis=1))
+    found = margins(moved(poses[:, None], twists[:, None], times), contacts)
     out = []
     for k, room in enumerate(found.least()):
-        look = Margins(*(leaf[k] for leaf in found))
-        close = room.min() < dip[k] or look.support.min() < speed[k] * DT / SUB_POSES
-        if room.min() >= 0 and close:
-            look = margins(sub_poses(poses[k], twists[k], FINE), contacts)
-            room = look.least()
         broken = room < 0
-        reason = look.reason(int(np.argmax(broken))) if broken.any() else None
+        reason = None
+        if broken.any():
+            reason = Margins(*(leaf[k] for leaf in found)).reason(int(np.argmax(broken)))
         out.append(Passage(float(room.min()), reason))
     return out
 

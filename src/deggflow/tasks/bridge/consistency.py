@@ -1,0 +1,257 @@
+"""What a trial's line says against what its twists and poses show and against itself."""
+
+import re
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from deggflow.consistency import (
+    RECORD,
+    Line,
+    Unverified,
+    Wrong,
+    check_claim,
+    check_generation,
+    first_difference,
+)
+from deggflow.jsonl import shorten
+
+from .condition import TrialCondition
+from .oracle import SAGITTA, least_margin
+from .recomputed import PROGRESS, q_safe, q_task, speed_violation, speeds
+from .world import EXECUTED
+
+TOLERANCE = (
+    1e-6  # of q_task, bound and q_safe, and m/s of speeds; as 1e-8 m of a pose may be rounding
+)
+SINGLE = 1e-4  # of 1 + |q|, and m/s: by which what a generation saw in float32 may be off
+DIVERGED = 1e9  # stands for q_task and q_safe of a generation that diverged
+UNVERIFIED: Unverified = {
+    "condition.goal": "but by --conditions",
+    "condition.contacts": "but where a margin, a factor or a speed shows it, or by --conditions",
+    "seed": "",
+    "certificate.draws": "but that it is the most of a policy",
+    "certificate.speed_limit": "but that it was kept",
+    "certificate.reason": "the words of a refusal",
+    "outcome.reason": "likewise",
+    "certificate.policies[].draws": "",
+    "certificate.policies[].q_task": "where the policy was refused, or cut short by the bridge",
+    "certificate.policies[].q_safe": "likewise",
+    "certificate.policies[].speed": "likewise, and where it is left out, as in files of earlier versions",
+    "certificate.policies[].generation": "that it is there",
+    **{f"certificate.policies[].generation.{name}": remark for name, remark in RECORD.items()},
+    "certificate.policies[].generation.requirements[].value": "of a speed limit, as q_safe of the policy",
+}
+_STOPPED = re.compile(r"(?:blocked at policy|policy) ([0-9]{1,6}): ")
+_OVER = re.compile(r"not bridged after ([0-9]{1,6}) policies")
+
+
+class _Policy(NamedTuple):
+    """One policy of a trial, and what was executed of it."""
+
+    record: Line
+    field: str
+    poses: Float[np.ndarray, "poses 3"]  # where it began, and after each action
+    twists: Float[np.ndarray, "actions 3"]
+    contacts: Float[np.ndarray, "robots 2"]
+    limit: float | None  # m/s
+
+    @property
+    def whole(self) -> bool:
+        """Whether all actions were executed that are to be executed of a policy."""
+        return bool(self.record["accepted"]) and len(self.twists) == EXECUTED
+
+    @property
+    def met(self) -> bool:
+        return bool(self.record["q_task"] <= self.record["bound"] and self.record["q_safe"] <= 0)
+
+    @property
+    def excess(self) -> float:
+        """By how much a factor ends above its bound."""
+        return max(self.record["q_task"] - self.record["bound"], self.record["q_safe"], 0.0)
+
+
+def contradictions(line: Line) -> list[Wrong]:
+    """Everything a line that `parse_trial` accepts says that can't be so, besides what `oracle.refutation` finds.
+
+    Args:
+        line: A trial as it stands in a file.
+    """
+    policies = _policies(line)
+    return [
+        *_claim(line, policies),
+        *_numbers(line, policies),
+        *_sequence(line, policies),
+        *(wrong for policy in policies for wrong in _factors(policy)),
+        *(wrong for policy in policies for wrong in _acceptance(policy)),
+        *_generations(line, policies),
+    ]
+
+
+def _policies(line: Line) -> list[_Policy]:
+    certificate = line["certificate"]
+    twists = np.array(line["twists"], np.float64).reshape(-1, 3)
+    poses = np.array(line["poses"], np.float64).reshape(-1, 3)
+    contacts = np.array(line["condition"]["contacts"], np.float64)
+    out, done = [], 0
+    for k, record in enumerate(certificate["policies"]):
+        begin = min(EXECUTED * done, len(twists))
+        end = min(begin + EXECUTED, len(twists)) if record["accepted"] else begin
+        field, limit = f"certificate.policies[{k}]", certificate.get("speed_limit")
+        given = poses[begin : end + 1], twists[begin:end], contacts, limit
+        out.append(_Policy(record, field, *given))
+        done += bool(record["accepted"])
+    return out
+
+
+def _claim(line: Line, policies: list[_Policy]) -> Iterator[Wrong]:
+    """Outcome, satisfied and reason."""
+    certificate, failure = line["certificate"], line["outcome"]["reason"]
+    done = [policy for policy in policies if policy.record["accepted"]]
+    broken = sum(not policy.met for policy in done)
+    reason = failure
+    if failure is None and broken:
+        reason = f"{broken} of {len(done)} executed policies missed a bound"
+    if certificate["satisfied"] != (reason is None):
+        text = (
+            f"is true, but {reason}"
+            if reason
+            else "is false, but the trial bridges the gap and met every bound"
+        )
+        yield Wrong("certificate.satisfied", shorten(text, 300))
+    yield from check_claim(certificate, "certificate")
+    if reason and certificate["reason"] and certificate["reason"] != reason:
+        text = f"is not what the outcome and the policies say: {reason}"
+        yield Wrong("certificate.reason", shorten(text, 300))
+
+
+def _numbers(line: Line, policies: list[_Policy]) -> Iterator[Wrong]:
+    """Least margin, violation and draws."""
+    certificate = line["certificate"]
+    least, spread = least_margin(line)
+    if not abs(certificate["min_margin"] - least) <= max(SAGITTA, spread):
+        yield Wrong("certificate.min_margin", f"is not the least margin, {least:.4f} m")
+    worst = max((each.excess for each in policies if each.record["accepted"]), default=0.0)
+    if not abs(certificate["violation"] - worst) <= TOLERANCE:
+        text = f"is not the largest excess of an executed policy, {worst:.6g}"
+        yield Wrong("certificate.violation", text)
+    draws = max((each.record["draws"] for each in policies), default=1)
+    if certificate["draws"] != draws:
+        yield Wrong("certificate.draws", f"is not the most of a policy, {draws}")
+
+
+def _sequence(line: Line, policies: list[_Policy]) -> Iterator[Wrong]:
+    """How many policies there are, and which was refused."""
+    accepted = [bool(policy.record["accepted"]) for policy in policies]
+    needed = -(-len(line["twists"]) // EXECUTED)
+    if sum(accepted) != needed:
+        text = (
+            f"has {sum(accepted)} accepted policies; {len(line['twists'])} actions are of {needed}"
+        )
+        yield Wrong("certificate.policies", text)
+    for policy in policies[:-1]:
+        if not policy.record["accepted"]:
+            yield Wrong(f"{policy.field}.accepted", "is false, but the trial went on")
+    reason = line["outcome"]["reason"] or ""
+    stopped, over = _STOPPED.match(reason), _OVER.fullmatch(reason)
+    refused = bool(accepted) and not accepted[-1]
+    if refused != bool(stopped):
+        what = "was refused" if refused else "was executed"
+        yield Wrong("outcome.reason", f"and the last policy contradict, which {what}")
+    for said in (stopped, over):
+        if said and int(said[1]) != len(policies):
+            yield Wrong("outcome.reason", f"counts another number of policies than {len(policies)}")
+
+
+def _factors(policy: _Policy) -> Iterator[Wrong]:
+    """q_task, its bound, q_safe and speed of what was executed, from where the plank was."""
+    record, field = policy.record, policy.field
+    bound = float(q_task(policy.poses[:1])[0]) - PROGRESS
+    if not _close(record["bound"], bound):
+        yield Wrong(f"{field}.bound", f"is not q_task before less {PROGRESS}, {bound:.6f}")
+    if not len(policy.twists):
+        return
+    task, safe = float(q_task(policy.poses[-1:])[0]), q_safe(policy.poses[1:], policy.contacts)
+    fastest = float(speeds(policy.twists, policy.contacts).max())
+    if policy.whole and not _close(record["q_task"], task):
+        yield Wrong(f"{field}.q_task", f"is not that of the pose that was reached, {task:.6f}")
+    for name, found in (("q_safe", safe), ("speed", fastest)):
+        said = record.get(name, found)  # files of earlier versions have no `speed`
+        if not _close(said, found) and (policy.whole or said < found):
+            least = "" if policy.whole else "at least "
+            yield Wrong(
+                f"{field}.{name}", f"is not that of the executed actions, {least}{found:.6f}"
+            )
+
+
+def _close(said: float, found: float) -> bool:
+    return abs(said - found) <= TOLERANCE * (1 + abs(found))
+
+
+def _acceptance(policy: _Policy) -> Iterator[Wrong]:
+    """A guided policy is executed only within its bounds, and within its speed limit."""
+    record = policy.record
+    if not record["accepted"] or record.get("generation") is None:
+        return
+    if not policy.met:
+        yield Wrong(f"{policy.field}.accepted", "is true, but the policy misses a bound")
+    if policy.limit is not None and record.get("speed", 0.0) > policy.limit:
+        yield Wrong(f"{policy.field}.speed", f"is above the limit, {policy.limit:g} m/s")
+
+
+def _generations(line: Line, policies: list[_Policy]) -> Iterator[Wrong]:
+    limit = line["certificate"].get("speed_limit")
+    names = ["q_task", "q_safe", *(["speed"] if limit is not None else [])]
+    robots = [f"robot {k + 1}" for k in range(len(line["condition"]["contacts"]))]
+    guided = any(policy.record.get("generation") is not None for policy in policies)
+    for policy in policies:
+        made, field = policy.record.get("generation"), f"{policy.field}.generation"
+        if made is not None:
+            yield from check_generation(made, field, names, robots)
+            yield from _values(made, field, policy)
+        elif guided:
+            yield Wrong(field, "is missing, though other policies of the trial were guided")
+    if limit is not None and policies and not guided:
+        yield Wrong("certificate.speed_limit", "is of a trial that no requirement guided")
+
+
+def _values(made: Line, field: str, policy: _Policy) -> Iterator[Wrong]:
+    """The values at z(1), in float32, against those of the policy."""
+    record = policy.record
+    ends = {
+        "q_task": (record["q_task"], record["bound"]),
+        "q_safe": (record["q_safe"], 0.0),
+    }
+    for k, row in enumerate(made["requirements"]):
+        place = f"{field}.requirements[{k}]"
+        for name, said in zip(("value", "limit"), ends.get(row["name"], ()), strict=False):
+            known = name == "limit" or record["q_task"] < DIVERGED
+            if known and not abs(row[name] - said) <= SINGLE * (1 + abs(said)):
+                yield Wrong(f"{place}.{name}", f"is not that of the policy, {said:.6f}")
+        if row["name"] == "speed" and policy.limit:
+            exact = speed_violation(policy.twists, policy.contacts, policy.limit)
+            less = _length(exact) - _length(row["value"])
+            if less > SINGLE or (policy.whole and less < -SINGLE) or row["value"] < 0:
+                yield Wrong(f"{place}.value", f"is not V of the executed actions, {exact:.6g}")
+
+
+def _length(violation: float) -> float:
+    """The norm in m/s of all that is missing of the buffers, of which V is half the square."""
+    return float(np.sqrt(2 * max(violation, 0.0)))
+
+
+def other_condition(asked: TrialCondition, given: TrialCondition) -> Wrong | None:
+    """The first thing in which a line's condition is not what was asked for."""
+    one, other = (_plain(condition) for condition in (asked, given))
+    return first_difference(one, other, "condition")
+
+
+def _plain(condition: TrialCondition) -> Line:
+    names = ("x", "y", "theta")
+    return {
+        "plank": dict(zip(names, condition.plank, strict=True)),
+        "goal": dict(zip(names, condition.goal, strict=True)),
+        "contacts": [list(r) for r in condition.contacts],
+    }

@@ -1,0 +1,141 @@
+"""What a scene's line says against what its poses show and against itself."""
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from deggflow.consistency import (
+    RECORD,
+    Line,
+    Unverified,
+    Wrong,
+    check_claim,
+    check_generation,
+    first_difference,
+)
+from deggflow.jsonl import shorten
+
+from .condition import SceneCondition
+from .formats import parse_scene
+from .library import object_type
+from .oracle import refutes
+from .scene import Scene
+from .verdict import Verdict
+
+TOLERANCE = 1e-6  # m by which margins may be off, as they were rounded; of V it is said of sqrt(2 V), a length, too
+SINGLE = 1e-5  # m by which what a generation saw in float32 may be off
+DIVERGED = "the generation diverged to numbers that are not finite"
+UNVERIFIED: Unverified = {
+    "condition": "but by --conditions",
+    "objects[].x": "where another one leaves all that is said true",
+    "objects[].y": "likewise",
+    "objects[].theta": "likewise",
+    "seed": "",
+    "certificate.draws": "",
+    "certificate.verdicts": "",
+    "certificate.generation": "that it is there",
+    **{f"certificate.generation.{name}": remark for name, remark in RECORD.items()},
+}
+
+
+def holds(scene: Scene, verdict: Verdict) -> bool:
+    """Whether the scene satisfies its requirements, by exact geometry and by Shapely."""
+    return verdict.satisfied and not refutes(scene.condition, scene.poses)
+
+
+def contradictions(line: Line) -> list[Wrong]:
+    """Everything a line that `parse_scene` accepts says that can't be so.
+
+    Args:
+        line: A scene as it stands in a file.
+    """
+    scene = parse_scene(line)
+    verdict = scene.verdict()
+    return list(_contradictions(line["certificate"], scene, verdict))
+
+
+def _contradictions(said: Line, scene: Scene, verdict: Verdict) -> Iterator[Wrong]:
+    true = holds(scene, verdict)
+    if said["satisfied"] != true:
+        text = "is true, but exact geometry finds that a requirement is missed"
+        yield Wrong(
+            "certificate.satisfied", text if not true else "is false, but all requirements hold"
+        )
+    yield from check_claim(said, "certificate")
+    made = said.get("generation")
+    if said["reason"] is not None and not true:
+        expected = _reasons(scene, verdict, made)
+        if said["reason"] not in expected:
+            yield Wrong("certificate.reason", f"is not what is found: {shorten(expected[0], 300)}")
+    if not abs(said["min_margin"] - verdict.min_margin) <= TOLERANCE:
+        yield Wrong(
+            "certificate.min_margin", f"is not the least margin, {verdict.min_margin:.9g} m"
+        )
+    away = abs(_length(said["violation"]) - _length(verdict.violation))
+    if not away <= TOLERANCE or said["violation"] < 0:
+        yield Wrong("certificate.violation", f"is not V of the scene, {verdict.violation:.6g} m^2")
+    if made is not None:
+        names = ["affordance", *(["balance"] if scene.condition.balance is not None else [])]
+        field = "certificate.generation"
+        yield from check_generation(made, field, names, scene.condition.objects)
+        if said["reason"] != DIVERGED:
+            yield from _values(made, field, scene, verdict)
+
+
+def _reasons(scene: Scene, verdict: Verdict, made: Line | None) -> list[str]:
+    """What the reason may be: what exact geometry finds, and what happened on the way."""
+    found = verdict.reason(scene.condition.objects) or "Shapely finds a requirement missed"
+    if made is not None and made["broken"]:
+        found += f"; on the way {made['broken']}"
+    beyond = [scene.condition.width, scene.condition.depth, 0.0]
+    return [found, *([DIVERGED] if (scene.poses == beyond).all() else [])]
+
+
+def _values(made: Line, field: str, scene: Scene, verdict: Verdict) -> Iterator[Wrong]:
+    """The values at z(1) against those of the poses."""
+    for k, row in enumerate(made["requirements"]):
+        place, value = f"{field}.requirements[{k}].value", row["value"]
+        if row["name"] == "affordance":
+            exact = _length(verdict.violation)
+            if not abs(_length(value) - exact) <= SINGLE * (1 + exact) or value < 0:
+                yield Wrong(place, f"is not V of the scene, {verdict.violation:.6g} m^2")
+        if row["name"] == "balance" and scene.condition.balance is not None:
+            circle, away = scene.condition.balance, _off_balance(scene)
+            if not abs(circle.radius * math.sqrt(max(2 * value + 1, 0.0)) - away) <= SINGLE * (
+                1 + away
+            ):
+                exact = ((away / circle.radius) ** 2 - 1) / 2
+                yield Wrong(place, f"is not q of the scene, {exact:.6g}")
+
+
+def _length(violation: float) -> float:
+    """The norm in m of all that is missing of the buffers, of which V is half the square."""
+    return math.sqrt(2 * max(violation, 0.0))
+
+
+def _off_balance(scene: Scene) -> float:
+    """Distance of the centre of mass from the centre of its circle, m."""
+    circle = scene.condition.balance
+    assert circle is not None
+    mass = np.array([object_type(name).mass for name in scene.condition.objects])
+    x, y = np.average(scene.poses[:, :2], axis=0, weights=mass)
+    return math.hypot(x - circle.x, y - circle.y)
+
+
+def _plain(condition: SceneCondition) -> Mapping[str, Any]:
+    """What is asked, with every default written out."""
+    needs = {name: vars(condition.affordance(name)) for name in condition.objects}
+    circle = None if condition.balance is None else vars(condition.balance)
+    return {
+        "objects": list(condition.objects),
+        "requirements": needs,
+        "table": {"width": condition.width, "depth": condition.depth},
+        "balance": circle,
+    }
+
+
+def other_condition(asked: SceneCondition, given: SceneCondition) -> Wrong | None:
+    """The first thing in which a line's condition is not what was asked for."""
+    return first_difference(_plain(asked), _plain(given), "condition")
