@@ -9,7 +9,13 @@ from jaxtyping import Array, Bool, Float
 
 from .allocation import AbstractAllocation, Pooled
 from .margins import AbstractMargins, FunctionMargins, Margins
-from .requirement import AbstractRequirement, Demand, input_gradient
+from .requirement import (
+    AbstractRequirement,
+    Demand,
+    check_buffer,
+    check_unrounded,
+    input_gradient,
+)
 from .schedule import AbstractSchedule, LinearSchedule
 
 MIN_REMAINING = 0.01  # floor of the remaining integral of omega, where re-anchoring divides by it
@@ -76,11 +82,7 @@ class PrivateRequirement(AbstractRequirement):
             raise TypeError(
                 f"`margins` must be a function (z, condition) -> (agents, margins); got {self.margins!r}."
             )
-        if not (isinstance(self.buffer, float | int) and 0 <= self.buffer < math.inf):
-            raise ValueError(
-                "`buffer` must be a nonnegative finite number in the unit of the margins, as guidance aims at h >= buffer; "
-                f"got {self.buffer}."
-            )
+        check_buffer(self.buffer, "the margins", "h >= buffer")
         if not 0 < self.rho < 1:
             raise ValueError(
                 f"`rho` must be in (0, 1) (finite-horizon theorem for PE guidance); got {self.rho}."
@@ -163,11 +165,7 @@ class PrivateRequirement(AbstractRequirement):
         mask: Bool[Array, " agents"] | None = None,
     ) -> tuple[Float[Array, "..."], ...]:
         margins = self._judged(mask)(z, condition)
-        if margins.dtype != z.dtype:
-            raise TypeError(
-                f"`margins` of {self.name!r} are {margins.dtype} for states of {z.dtype}: the verdict is made in float64, "
-                "so the function must not round its result to another type."
-            )
+        check_unrounded(f"`margins` of {self.name!r} are", margins, z)
         return (margins,)
 
     def margin_names(self, row: int) -> tuple[str, ...] | None:

@@ -5,6 +5,7 @@ rows, and shares it out. The same object judges the finished sample.
 """
 
 import abc
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -140,6 +141,23 @@ class AbstractRequirement(eqx.Module):
         above: Bool[Array, " rows"],
     ) -> Any:
         """The state after a step that was taken although it landed above a limit."""
+
+
+def check_buffer(buffer: float, unit: str, aim: str) -> None:
+    """Raises `ValueError` unless a buffer is a nonnegative finite number."""
+    if not (isinstance(buffer, float | int) and 0 <= buffer < math.inf):
+        raise ValueError(
+            f"`buffer` must be a nonnegative finite number in the unit of {unit}, as guidance aims at {aim}; got {buffer}."
+        )
+
+
+def check_unrounded(what: str, found: Float[Array, "..."], z: Float[Array, "agents dim"]) -> None:
+    """Raises `TypeError` if a requirement's function rounds its verdict to another type than that of the states."""
+    if found.dtype != z.dtype:
+        raise TypeError(
+            f"{what} {found.dtype} for states of {z.dtype}: the verdict is made in float64, "
+            "so the function must not round its result to another type."
+        )
 
 
 def input_gradient(

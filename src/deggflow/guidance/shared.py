@@ -1,6 +1,5 @@
 """Shared requirements (SE guidance): factors of several agents, each led below a bound of its own."""
 
-import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -11,7 +10,13 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .bound import AbstractBound, TighteningBound
-from .requirement import AbstractRequirement, Demand, input_gradient
+from .requirement import (
+    AbstractRequirement,
+    Demand,
+    check_buffer,
+    check_unrounded,
+    input_gradient,
+)
 from .sharing import AbstractSharing, AdaptiveShares
 
 FactorValue = Callable[[Float[Array, ""], Float[Array, "agents dim"], Any], Float[Array, ""]]
@@ -74,11 +79,7 @@ class SharedFactor(eqx.Module):
             raise TypeError(
                 f"`value` must be a function (tau, z, condition) -> q; got {self.value!r}."
             )
-        if not (isinstance(self.buffer, float | int) and 0 <= self.buffer < math.inf):
-            raise ValueError(
-                "`buffer` must be a nonnegative finite number in the unit of `value`, as guidance aims at q <= bound - buffer; "
-                f"got {self.buffer}."
-            )
+        check_buffer(self.buffer, "`value`", "q <= bound - buffer")
 
     def q(
         self, tau: Float[Array, ""], z: Float[Array, "agents dim"], condition: Any
@@ -172,11 +173,7 @@ class SharedRequirements(AbstractRequirement):
     ) -> tuple[Float[Array, "..."], ...]:
         q = [factor.q(jnp.ones((), z.dtype), z, condition) for factor in self.factors]
         for factor, value in zip(self.factors, q, strict=True):
-            if value.dtype != z.dtype:
-                raise TypeError(
-                    f"`value` of {factor.name!r} is {value.dtype} for states of {z.dtype}: the verdict is made in float64, "
-                    "so the function must not round its result to another type."
-                )
+            check_unrounded(f"`value` of {factor.name!r} is", value, z)
         return tuple(
             factor.end(condition, z) - value for factor, value in zip(self.factors, q, strict=True)
         )
