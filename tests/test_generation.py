@@ -186,8 +186,7 @@ def test_the_last_point_is_looked_at_though_the_field_is_infinite_there(guard):
     assert out.trace.tau[-1] == 1
     mean = np.asarray(out.z, np.float64).mean(0)
     assert out.trace.value[-1, 0] == pytest.approx(mean @ mean - 9.0, rel=1e-5)
-    # What would be done there is not a number, and counts for nothing.
-    assert not np.isfinite(out.trace.effort[-1]).all()
+    # The field there is 0/0 or x/0, as rounding has it; what would be done about it counts for nothing.
     summary = out.summary
     assert summary.held
     np.testing.assert_array_equal(summary.effort, 0.0)
