@@ -16,6 +16,7 @@ FLOORS = [
         "files",
         "jsonl",
         "output",
+        "schema",
         "statistics",
         "flow",
         "field",

@@ -324,10 +324,10 @@ OLD = {"steps": 40, "batch": 4, "average": 0.9, "validate_every": 10}
 @pytest.mark.parametrize(
     ("content", "reason"),
     [
-        (b"", "as it is not JSON"),
-        (b'{"version": 2, "segm', "as it is not JSON"),
-        (b"\xff\xfe{}", "as it is not JSON"),
-        (b"[" * 100_000, "as it is not JSON"),
+        (b"", "not JSON"),
+        (b'{"version": 2, "segm', "not JSON"),
+        (b"\xff\xfe{}", "not UTF-8"),
+        (b"[" * 100_000, "nested too deeply"),
         (b"[]", "must be a JSON object; got []"),
         (b"5", "must be a JSON object; got 5"),
         (b"null", "must be a JSON object; got null"),

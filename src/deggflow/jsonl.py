@@ -14,6 +14,7 @@ T = TypeVar("T")
 
 MAX_LINE = 4 << 20  # bytes; a hall of 10,000 objects takes half of it
 MAX_LINES = 1_000_000
+MAX_FILE = 64 << 20  # bytes of a file that holds one object
 
 
 class InputError(Exception):
@@ -60,26 +61,70 @@ def shorten(value: Any, limit: int = 60) -> str:
     return text if len(text) <= limit else text[: limit - 3] + "..."
 
 
-def parse_line(text: bytes) -> Any:
-    """One line as JSON: UTF-8, finite numbers, no key twice. Raises `InputError` without file and line."""
-    if len(text) > MAX_LINE:
-        raise InputError(f"the line is longer than {MAX_LINE} bytes")
-    if not text.strip():
-        raise InputError("the line is empty")
+def quoted(value: Any) -> str:
+    """The same as JSON: text has its quotation marks."""
+    return shorten(json.dumps(value) if isinstance(value, str) else value)
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise InputError(f"{shorten(text)} is not a finite number")
+    return number
+
+
+def _parse(text: bytes, parse_float: Callable[[str], float] | None) -> Any:
     try:
         return json.loads(
             text.decode("utf-8"),
             object_pairs_hook=_refuse_duplicates,
             parse_constant=_refuse_constant,
+            parse_float=parse_float,
         )
     except UnicodeDecodeError as error:
         raise InputError(f"not UTF-8 text (byte {error.start + 1})") from None
     except json.JSONDecodeError as error:
-        raise InputError(f"not JSON: {error.msg} (column {error.colno})") from None
+        where = f"column {error.colno}"
+        if error.lineno > 1:
+            where = f"line {error.lineno}, {where}"
+        raise InputError(f"not JSON: {error.msg} ({where})") from None
     except RecursionError:
-        raise InputError("not a valid line: nested too deeply") from None
+        raise InputError("not valid JSON: nested too deeply") from None
     except ValueError:  # an integer with more digits than Python converts
         raise InputError("a number has too many digits") from None
+
+
+def parse_line(text: bytes) -> Any:
+    """One line as JSON: UTF-8, no NaN, no key twice. Raises `InputError` without file and line.
+
+    A number that overflows is left to the check of its field, which has a name to tell.
+    """
+    if len(text) > MAX_LINE:
+        raise InputError(f"the line is longer than {MAX_LINE} bytes")
+    if not text.strip():
+        raise InputError("the line is empty")
+    return _parse(text, None)
+
+
+def read_json(path: StrPath) -> dict[str, Any]:
+    """The JSON object that a file holds: UTF-8, finite numbers, no key twice.
+
+    Raises:
+        FileNotFoundError: There is no such file; what that means is for the caller to say.
+        InputError: The file can't be read, or does not hold a JSON object; names the file.
+    """
+    path = Path(path)
+    try:
+        if path.stat().st_size > MAX_FILE:
+            raise InputError(f"the file is larger than {MAX_FILE} bytes")
+        value = _parse(path.read_bytes().removeprefix(BOM_UTF8), _finite)
+        return dict(expect_object(value, "", tuple(value) if isinstance(value, dict) else ()))
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        raise InputError(f"can't be read: {error.strerror}", file=path) from None
+    except InputError as error:
+        raise InputError(error.reason, file=path, field=error.field) from None
 
 
 def read_lines(path: StrPath, parse: Callable[[Any], T], what: str) -> list[T]:
@@ -111,7 +156,7 @@ def expect_object(
 ) -> Mapping[str, Any]:
     """Checks that a value is an object with no unknown and no missing keys."""
     if not isinstance(value, dict):
-        raise InputError(f"must be a JSON object; got {shorten(value)}", field=field)
+        raise InputError(f"must be a JSON object; got {quoted(value)}", field=field)
     for key in value:
         if key not in allowed:
             raise InputError(
@@ -126,11 +171,11 @@ def expect_object(
 def expect_number(value: Any, field: str, low: float, high: float, unit: str) -> float:
     """Checks that a value is a finite number in [low, high]."""
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise InputError(f"must be a number; got {shorten(value)}", field=field)
+        raise InputError(f"must be a number; got {quoted(value)}", field=field)
     # Compared before the conversion: a huge integer has no float.
     if not low <= value <= high or not math.isfinite(value):
         raise InputError(
-            f"must lie in [{low:g}, {high:g}]{unit and ' '}{unit}; got {shorten(value)}",
+            f"must lie in [{low:g}, {high:g}]{unit and ' '}{unit}; got {quoted(value)}",
             field=field,
         )
     return float(value)
@@ -139,37 +184,37 @@ def expect_number(value: Any, field: str, low: float, high: float, unit: str) ->
 def expect_integer(value: Any, field: str, low: int, high: int) -> int:
     """Checks that a value is an integer in [low, high]."""
     if not isinstance(value, int) or isinstance(value, bool):
-        raise InputError("must be an integer", field=field)
+        raise InputError(f"must be an integer; got {quoted(value)}", field=field)
     if not low <= value <= high:
-        raise InputError(f"must lie in [{low}, {high}]; got {shorten(value)}", field=field)
+        raise InputError(f"must lie in [{low}, {high}]; got {quoted(value)}", field=field)
     return value
 
 
 def expect_flag(value: Any, field: str) -> bool:
     """Checks that a value is true or false."""
     if not isinstance(value, bool):
-        raise InputError(f"must be true or false; got {shorten(value)}", field=field)
+        raise InputError(f"must be true or false; got {quoted(value)}", field=field)
     return value
 
 
 def expect_text(value: Any, field: str) -> str:
     """Checks that a value is text."""
     if not isinstance(value, str):
-        raise InputError(f"must be text; got {shorten(value)}", field=field)
+        raise InputError(f"must be text; got {quoted(value)}", field=field)
     return value
 
 
 def expect_list(value: Any, field: str) -> list[Any]:
     """Checks that a value is a list."""
     if not isinstance(value, list):
-        raise InputError(f"must be a list; got {shorten(value)}", field=field)
+        raise InputError(f"must be a list; got {quoted(value)}", field=field)
     return value
 
 
 def expect_reason(value: Any, field: str) -> str | None:
     """Checks that a value is text or null."""
     if not isinstance(value, str | None):
-        raise InputError(f"must be text or null; got {shorten(value)}", field=field)
+        raise InputError(f"must be text or null; got {quoted(value)}", field=field)
     return value
 
 

@@ -9,11 +9,24 @@ from typing import Any, BinaryIO
 from filelock import FileLock, Timeout
 
 from .files import StrPath, write_atomically
-from .jsonl import MAX_LINE, InputError, parse_line, shorten
+from .jsonl import MAX_LINE, InputError, parse_line, read_json, shorten
 
 ADVICE = "choose another --out, or remove it first"
 Belongs = Callable[[int, Any], bool]
 """(number of a line from 0, what it holds) -> whether the run would have written it there."""
+
+
+def settings_path(path: Path) -> Path:
+    """Where the settings of a run lie: beside its file."""
+    return path.with_name(path.name + ".run.json")
+
+
+def run_settings(path: StrPath) -> dict[str, Any] | None:
+    """The settings of the run that wrote a file; None if none is known. `InputError` if they are damaged."""
+    try:
+        return read_json(settings_path(Path(path)))
+    except FileNotFoundError:
+        return None
 
 
 def forget(row: Any) -> None:
@@ -50,12 +63,12 @@ class ResumableOutput:
             on_row: Told of every finished line instead of keeping it in `finished`: memory stays flat.
         """
         self.path, self.settings = Path(path), dict(settings)
-        self.run = self.path.with_name(self.path.name + ".run.json")
+        if self.path.is_dir():
+            raise InputError("is a folder; name a file", file=self.path)
+        self.run = settings_path(self.path)
         self._count, self._belongs, self._on_row = count, belongs, on_row
         self._file: BinaryIO | None = None
         self.done, self.finished = 0, list[Any]()
-        if self.path.is_dir():
-            raise InputError("is a folder; name a file", file=self.path)
         if self._holds_something():
             self._check_settings()
         self._lock = FileLock(self.path.with_name(f".{self.path.name}.lock"))
@@ -69,11 +82,11 @@ class ResumableOutput:
 
     def _check_settings(self) -> None:
         try:
-            begun = json.loads(self.run.read_text())
-        except (OSError, ValueError, RecursionError):
-            begun = None
-        if not isinstance(begun, dict):
-            raise InputError(f"exists and was not begun by this command; {ADVICE}", file=self.path)
+            begun = read_json(self.run)
+        except (FileNotFoundError, InputError):
+            raise InputError(
+                f"exists and was not begun by this command; {ADVICE}", file=self.path
+            ) from None
         for name, value in self.settings.items():
             if begun.get(name) != value:
                 raise InputError(

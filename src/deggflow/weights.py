@@ -8,9 +8,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from safetensors import SafetensorError
 from safetensors.numpy import load_file, save
 
 from .files import StrPath, write_atomically
+from .jsonl import InputError, read_json
 
 M = TypeVar("M", bound=eqx.Module)
 
@@ -28,29 +30,33 @@ def _named_arrays(module: eqx.Module) -> dict[str, Any]:
     }
 
 
+def card_path(path: StrPath) -> Path:
+    """Where the card of a weights file lies: beside it, the same name with .json."""
+    path = Path(path)
+    if path.name in ("", ".."):
+        raise InputError("is a folder; name a file", file=path)
+    return path.with_suffix(".json")
+
+
 def save_weights(path: StrPath, module: eqx.Module, card: dict[str, Any]) -> None:
     """Writes `path` (safetensors) and the card beside it (same name, .json)."""
     path = Path(path)
     arrays = {name: np.asarray(leaf) for name, leaf in _named_arrays(module).items()}
     write_atomically(path, save(arrays))
-    write_atomically(path.with_suffix(".json"), json.dumps(card, indent=2) + "\n")
+    write_atomically(card_path(path), json.dumps(card, indent=2) + "\n")
 
 
 def load_card(path: StrPath) -> dict[str, Any]:
     """The card of a weights file.
 
     Raises:
-        OSError: The card can't be read.
-        ValueError: The card is not a JSON object.
+        InputError: The card can't be read, or is not a JSON object.
     """
-    path = Path(path).with_suffix(".json")
+    path = card_path(path)
     try:
-        card = json.loads(path.read_text("utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"{path}: not JSON: {error}") from None
-    if not isinstance(card, dict):
-        raise ValueError(f"{path}: must hold a JSON object; got {type(card).__name__}.")
-    return card
+        return read_json(path)
+    except FileNotFoundError:
+        raise InputError("there is no such card; it lies beside the weights", file=path) from None
 
 
 def load_weights(path: StrPath, skeleton: M) -> M:
@@ -59,19 +65,29 @@ def load_weights(path: StrPath, skeleton: M) -> M:
     The skeleton may hold arrays or only their shapes (`eqx.filter_eval_shape`).
 
     Raises:
-        ValueError: Names or shapes in the file are not those of the skeleton.
+        InputError: The file can't be read, is no safetensors file, or its arrays are not those of the skeleton, or not
+            finite; names the file and the array.
     """
-    stored, wanted = load_file(path), _named_arrays(skeleton)
-    if stored.keys() != wanted.keys():
-        odd = sorted(stored.keys() ^ wanted.keys())
-        raise ValueError(
-            f"{path} does not hold this field's weights: {odd[0]} is on one side only."
-        )
+    try:
+        stored = load_file(path)
+    except OSError as error:
+        raise InputError(f"can't be read: {error.strerror or error}", file=path) from None
+    except (SafetensorError, ValueError, TypeError, KeyError) as error:
+        raise InputError(f"is no safetensors file: {error}", file=path) from None
+    wanted = _named_arrays(skeleton)
+    for name in sorted(stored.keys() ^ wanted.keys()):
+        where = "the file" if name in stored else "this field"
+        raise InputError(f"does not hold this field's weights: only {where} has {name}", file=path)
     for name, leaf in wanted.items():
-        if stored[name].shape != leaf.shape:
-            raise ValueError(
-                f"{path}: {name} has shape {stored[name].shape}, this field needs {leaf.shape}."
+        given = stored[name]
+        if given.shape != leaf.shape:
+            raise InputError(
+                f"{name} has shape {given.shape}, this field needs {leaf.shape}", file=path
             )
+        if not jnp.issubdtype(given.dtype, jnp.floating):
+            raise InputError(f"{name} must hold floats; got {given.dtype}", file=path)
+        if not np.all(np.isfinite(given)):
+            raise InputError(f"{name} holds numbers that are not finite", file=path)
     leaves = [jnp.asarray(stored[name]) for name in wanted]
     arrays, rest = eqx.partition(skeleton, _is_weight)
     return eqx.combine(jax.tree.unflatten(jax.tree.structure(arrays), leaves), rest)

@@ -13,7 +13,8 @@ from deggflow.app.reproduce.artefacts import check_names, table_csv, table_json
 from deggflow.app.reproduce.command import write_report
 from deggflow.app.reproduce.experiment import DataTable, Finding, Plot, Section, Settings
 from deggflow.app.reproduce.page import duration, shown
-from deggflow.app.reproduce.run import Entry, Watch, result_path, results
+from deggflow.app.reproduce.run import Entry, Stored, Watch, result_path, results
+from deggflow.schema import parse_as
 from deggflow.view.style import look, new_figure
 
 NASTY = "<script>alert('x')</script> & \"quoted\""
@@ -116,6 +117,23 @@ def test_a_damaged_result_is_measured_anew(tmp_path, content):
     result_path(tmp_path, "fake").write_bytes(content)
     assert measure(tmp_path, [Entry(fake)])["fake"].result["value"] == 1.1
     assert fake.measured == 2
+
+
+@pytest.mark.parametrize("field", ["result", "seconds", "machine", "digest", "code", "more"])
+def test_a_result_that_was_changed_is_measured_anew_and_not_shown(tmp_path, field):
+    fake, other, said = Fake(), Fake("other"), []
+    entries = [Entry(fake), Entry(other)]
+    found = measure(tmp_path, entries)
+    path = result_path(tmp_path, "fake")
+    whole = json.loads(path.read_text())
+    assert parse_as(Stored, whole) == found["fake"]
+    whole[field] = "<script>" if field in ("digest", "code") else {"value": 2}
+    path.write_text(json.dumps(whole))
+    watch = Watch(lambda name: None, said.append, lambda name, fresh: None)
+    assert set(results(tmp_path, entries, Settings(), ["other"], watch)) == {"other"}
+    assert said[0].startswith(f"{path} was changed after it was written and is not used: ")
+    assert measure(tmp_path, entries)["fake"].result["value"] == 1.1
+    assert (fake.measured, other.measured) == (2, 1)
 
 
 def test_a_stopped_run_keeps_what_is_finished(tmp_path):

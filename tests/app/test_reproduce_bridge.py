@@ -15,6 +15,7 @@ from deggflow.app.reproduce import bridge_process, bridge_rescue, bridge_success
 from deggflow.app.reproduce.bridge import EXPERIMENTS
 from deggflow.app.reproduce.bridge_search import measure_rescue
 from deggflow.app.reproduce.experiment import UNMET, Settings
+from deggflow.schema import parse_as
 from deggflow.statistics import Rate
 from deggflow.tasks.bridge.evaluate import Evaluation, PolicyCounts
 from deggflow.tasks.bridge.field import load_field
@@ -142,7 +143,7 @@ def test_success_stands_beside_the_papers_with_its_interval():
 
 
 def test_measured_success_is_that_of_the_existing_evaluation(success):
-    (row,) = (Evaluation.from_json(each) for each in success["rows"])
+    (row,) = (parse_as(Evaluation, each) for each in success["rows"])
     assert (row.size, row.trials, success["seed"]) == (SIZE, 1, 1)
     assert row.guided == 1
     assert success[UNMET] == []

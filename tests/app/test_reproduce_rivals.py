@@ -1,7 +1,7 @@
 """The report's sections on rivals: what is measured, and what is said of it."""
 
 import json
-from typing import NamedTuple
+from dataclasses import asdict, dataclass
 
 import pytest
 
@@ -89,11 +89,12 @@ def test_the_frontier_has_every_setting_in_its_table_and_marks_the_best():
     assert axes.get_xlim()[1] < 1.0
 
 
-class Row(NamedTuple):
+@dataclass(frozen=True)
+class Row:
     number: int
 
     def to_json(self):
-        return self._asdict()
+        return asdict(self)
 
 
 def test_rows_of_a_stopped_measurement_are_kept_and_those_of_another_thrown_away(tmp_path):
@@ -109,10 +110,10 @@ def test_rows_of_a_stopped_measurement_are_kept_and_those_of_another_thrown_away
         return run
 
     with pytest.raises(KeyboardInterrupt):
-        kept_rows(settings, "rows", {"of": "these"}, [job(1), job(2), job(3, stops=True)])
+        kept_rows(settings, "rows", {"of": "these"}, [job(1), job(2), job(3, stops=True)], Row)
     jobs = [job(1), job(2), job(3)]
-    rows = kept_rows(settings, "rows", {"of": "these"}, jobs)
-    assert rows == [{"number": 1}, {"number": 2}, {"number": 3}]
+    rows = kept_rows(settings, "rows", {"of": "these"}, jobs, Row)
+    assert rows == [Row(1), Row(2), Row(3)]
     assert done == [1, 2, 3]
-    assert kept_rows(settings, "rows", {"of": "others"}, jobs[:1]) == [{"number": 1}]
+    assert kept_rows(settings, "rows", {"of": "others"}, jobs[:1], Row) == [Row(1)]
     assert done == [1, 2, 3, 1]

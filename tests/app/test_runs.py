@@ -1,7 +1,7 @@
 """Conditions and results of long runs: in order, completed in whole chunks, counted."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import pytest
 
@@ -108,6 +108,14 @@ def test_conditions_come_from_a_file_or_are_drawn(tmp_path):
             wanted(*arguments, **ways)
 
 
+@dataclass
+class Count:
+    number: int
+
+    def to_json(self):
+        return asdict(self)
+
+
 def test_jobs_that_are_done_are_not_run_again(tmp_path):
     done = []
 
@@ -116,13 +124,20 @@ def test_jobs_that_are_done_are_not_run_again(tmp_path):
             done.append(number)
             if number == 2 and done.count(2) == 1:
                 raise KeyboardInterrupt
-            return Row(number, 0)
+            return Count(number)
 
         return run
 
     jobs, out = [job(number) for number in range(4)], tmp_path / "rows.jsonl"
     with pytest.raises(KeyboardInterrupt):
-        run_jobs(jobs, {"seed": 0}, out)
-    assert [row["number"] for row in run_jobs(jobs, {"seed": 0}, out)] == [0, 1, 2, 3]
+        run_jobs(jobs, Count, {"seed": 0}, out)
+    assert [row.number for row in run_jobs(jobs, Count, {"seed": 0}, out)] == [0, 1, 2, 3]
     assert done == [0, 1, 2, 2, 3]
-    assert [row["number"] for row in run_jobs(jobs, {"seed": 0}, None)] == [0, 1, 2, 3]
+    assert [row.number for row in run_jobs(jobs, Count, {"seed": 0}, None)] == [0, 1, 2, 3]
+    out.write_text(out.read_text().replace('"number": 1', '"number": "1"'))
+    before = out.read_bytes()
+    with pytest.raises(
+        InputError, match="line 2, field `number`: was damaged after it was written"
+    ):
+        run_jobs(jobs, Count, {"seed": 0}, out)
+    assert out.read_bytes() == before

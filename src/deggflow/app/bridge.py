@@ -16,7 +16,6 @@ from .runs import (
     deliver,
     digest_of_weights,
     in_range,
-    load,
     printable,
     shown_training,
     training_config,
@@ -107,7 +106,7 @@ def _speed(limit: float | None) -> None:
 def _load_field(weights: Path | None) -> "BridgeField":
     from deggflow.tasks.bridge.field import load_field
 
-    return load(load_field, weights)
+    return load_field(weights)
 
 
 def generate(

@@ -49,8 +49,7 @@ def run_evaluation(field: BridgeField, settings: dict[str, Any], out: Path | Non
     def job(size: int) -> Callable[[], Evaluation]:
         return lambda: evaluate(field, size, trials, seed, max_draws)
 
-    found = run_jobs([job(size) for size in settings["sizes"]], settings, out)
-    rows = [Evaluation.from_json(row) for row in found]
+    rows = run_jobs([job(size) for size in settings["sizes"]], Evaluation, settings, out)
     _print_success(rows, f"{trials} trials a row, seed {seed}, 95% Wilson intervals")
     _print_policies(rows, max_draws)
     for heading, texts in (
@@ -70,8 +69,7 @@ def run_hard(field: BridgeField, settings: dict[str, Any], out: Path | None) -> 
     def job(size: int) -> Callable[[], HardPolicies]:
         return lambda: evaluate_hard(field, size, each, seed, max_draws)
 
-    found = run_jobs([job(size) for size in settings["sizes"]], settings, out)
-    rows = [HardPolicies(**row) for row in found]
+    rows = run_jobs([job(size) for size in settings["sizes"]], HardPolicies, settings, out)
     headings = [
         "N",
         "first draw met",
@@ -187,8 +185,7 @@ def run_modes(
     def job(source: str) -> Callable[[], Modes]:
         return lambda: count_modes(source, ways(source))
 
-    found = run_jobs([job(source) for source in SOURCES], settings, out)
-    rows = [Modes(**row) for row in found]
+    rows = run_jobs([job(source) for source in SOURCES], Modes, settings, out)
     _print_table(
         f"Bridge: sides, {count} from one symmetric start, seed {seed}, 95% Wilson intervals",
         ("", "bridged", "left", "right", "farthest from the middle: 5%", "median", "95%"),

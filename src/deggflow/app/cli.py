@@ -47,6 +47,8 @@ def main(arguments: list[str] | None = None) -> None:
     0: every result satisfied; 2: bad input; 3: some result not satisfied; 1: anything unforeseen.
     """
     try:
+        if any("\0" in argument for argument in arguments or sys.argv[1:]):
+            raise InputError("no argument may hold a NUL character")
         code = _APP.cli(args=arguments, prog="deggflow", description=_DESCRIPTION)
     except InputError as error:
         print(f"deggflow: {error}", file=sys.stderr)

@@ -40,8 +40,7 @@ def run_evaluation(
 
         return run
 
-    found = run_jobs([job(*point) for point in grid], settings, out)
-    rows = [Evaluation(**row) for row in found]
+    rows = run_jobs([job(*point) for point in grid], Evaluation, settings, out)
     table = Table(
         title=f"Tabletop: success, {cases} cases a row, seed {seed}, 95% Wilson intervals",
         title_justify="left",
@@ -113,7 +112,7 @@ def run_comparison(field: Field, settings: dict[str, Any], out: Path | None) -> 
             field, size, family, cases, seed, allocation=allocation, reanchored=anew
         )
 
-    found = run_jobs([job(*point) for point in grid], settings, out)
+    rows = run_jobs([job(*point) for point in grid], Comparison, settings, out)
     table = Table(
         title=f"Tabletop: first draws, {cases} cases a row, seed {seed}, 95% Wilson intervals",
         title_justify="left",
@@ -127,7 +126,7 @@ def run_comparison(field: Field, settings: dict[str, Any], out: Path | None) -> 
         "deviation",
     ):
         table.add_column(heading, no_wrap=True)
-    for (family, *_), row in zip(grid, [Comparison(**row) for row in found], strict=True):
+    for (family, *_), row in zip(grid, rows, strict=True):
         table.add_row(
             str(row.size),
             family,

@@ -1,13 +1,15 @@
 """`deggflow tabletop rivals`: every way to guide, swept over its own knob."""
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from deggflow.jsonl import InputError
 
 from .runs import MAX_COUNT, MAX_SEED, in_range, run_jobs
 from .session import SATISFIED, output, prepare_jax
+
+if TYPE_CHECKING:
+    from deggflow.tasks.tabletop.frontier import Point
 
 
 def rivals(
@@ -44,7 +46,7 @@ def rivals(
             raise InputError(f"--methods: {name!r} is none of {', '.join(map(repr, names))}")
     prepare_jax()
     from deggflow.tasks.tabletop.field import load_field
-    from deggflow.tasks.tabletop.frontier import jobs
+    from deggflow.tasks.tabletop.frontier import Point, jobs
 
     wanted = [method for method in METHODS if not methods or method.name in methods]
     grid = [
@@ -59,17 +61,16 @@ def rivals(
         "seed": seed,
         "rows": [[size, method.name, dict(knob)] for size, method, knob in grid],
     }
-    found = run_jobs(jobs(load_field(), grid, cases, seed), settings, out)
-    _show(found, cases, seed)
+    points = run_jobs(jobs(load_field(), grid, cases, seed), Point, settings, out)
+    _show(points, cases, seed)
     return SATISFIED
 
 
-def _show(found: list[Mapping[str, Any]], cases: int, seed: int) -> None:
+def _show(points: "list[Point]", cases: int, seed: int) -> None:
     from rich.table import Table
 
-    from deggflow.tasks.tabletop.frontier import Point, best, in_words
+    from deggflow.tasks.tabletop.frontier import best, in_words
 
-    points = [Point(**row) for row in found]
     groups: dict[tuple[int, str], list[Point]] = {}
     for point in points:
         groups.setdefault((point.size, point.method), []).append(point)

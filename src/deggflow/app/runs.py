@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, runtime_checkable
 
 from deggflow.jsonl import InputError
-from deggflow.output import ResumableOutput
+from deggflow.output import ADVICE, ResumableOutput
+from deggflow.schema import parse_as
 
 from .session import progress
 
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
     from deggflow.train import Curve, TrainingConfig
-
-F = TypeVar("F")
 
 CHUNK = 512  # results between two writes of a long run
 MAX_COUNT = 1_000_000
@@ -59,7 +58,9 @@ def digest_of_weights(path: Path | None) -> str | None:
 
     if path is None:
         return None
-    card = path.with_suffix(".json")
+    from deggflow.weights import card_path
+
+    card = card_path(path)
     try:
         return sha256(path.read_bytes() + b"\0" + card.read_bytes()).hexdigest()
     except OSError as error:
@@ -72,16 +73,6 @@ def check_output(out: Path | None, settings: Mapping[str, Any]) -> None:
     """Refuses a file of another run before anything is computed; it is looked at again once it is locked."""
     if out is not None:
         ResumableOutput(out, settings)
-
-
-def load(loader: Callable[[Path | None], F], weights: Path | None) -> F:
-    """A field from the file that --weights names, or the shipped one."""
-    from safetensors import SafetensorError
-
-    try:
-        return loader(weights)
-    except (OSError, ValueError, SafetensorError) as error:
-        raise InputError(f"--weights can't be used: {error}") from None
 
 
 @dataclass(frozen=True)
@@ -251,26 +242,53 @@ def _print(results: Sequence[Written], fails: Callable[[Mapping[str, Any]], bool
 
 
 def run_jobs(
-    jobs: Sequence[Callable[[], Written]], settings: Mapping[str, Any], out: Path | None
-) -> list[Mapping[str, Any]]:
-    """Runs the jobs that are not done yet; each row is written to `out` as soon as it is known."""
-    target = None if out is None else ResumableOutput(out, settings)
+    jobs: Sequence[Callable[[], R]], kind: type[R], settings: Mapping[str, Any], out: Path | None
+) -> list[R]:
+    """Runs the jobs that are not done yet; each row is written to `out` as soon as it is known.
+
+    Args:
+        jobs: What makes each row.
+        kind: A dataclass, which the rows are of.
+        settings: JSON values that tell this run from others.
+        out: The file, or None.
+    """
     with progress() as bars:
         bar = bars.add_task("evaluating", total=len(jobs))
-        if target is None:
+        if out is None:
             found = []
             for job in jobs:
-                found.append(job().to_json())
+                found.append(job())
                 bars.advance(bar)
             return found
-        with target as lines:
-            bars.advance(bar, len(lines.finished))
-            for job in jobs[len(lines.finished) :]:
-                row = job().to_json()
-                lines.append([row])
-                lines.finished.append(row)
-                bars.advance(bar)
-            return lines.finished
+        return resumed_rows(
+            jobs, kind, settings, out, lambda done: bars.update(bar, completed=done)
+        )
+
+
+def resumed_rows(
+    jobs: Sequence[Callable[[], R]],
+    kind: type[R],
+    settings: Mapping[str, Any],
+    out: Path,
+    on_progress: Callable[[int], None] = lambda done: None,
+) -> list[R]:
+    """Rows of `out`, and behind them those of the jobs that it does not hold yet; arguments as of `run_jobs`."""
+    with ResumableOutput(out, settings, count=len(jobs)) as lines:
+        found = []
+        for number, row in enumerate(lines.finished, start=1):
+            try:
+                found.append(parse_as(kind, row))
+            except InputError as error:
+                raise InputError(
+                    f"was damaged after it was written: {error.reason}; {ADVICE}",
+                    file=out, line=number, field=error.field,
+                ) from None  # fmt: skip
+        on_progress(len(found))
+        for job in jobs[len(found) :]:
+            found.append(job())
+            lines.append([found[-1].to_json()])
+            on_progress(len(found))
+        return found
 
 
 def training_config(steps: int, batch: int, learning_rate: float, seed: int) -> "TrainingConfig":

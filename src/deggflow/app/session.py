@@ -3,10 +3,11 @@
 import os
 import sys
 import tempfile
+import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -38,9 +39,35 @@ def prepare_jax() -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError:
         return  # a read-only home: programs are compiled anew each time
+    _renew_what_is_damaged(folder)
     jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
+
+
+def _renew_what_is_damaged(folder: Path) -> None:
+    """Removes compiled programs once one can't be read; JAX itself warns, and leaves it there for the next run."""
+    show = warnings.showwarning
+
+    def shown(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
+        if "writing persistent compilation cache entry" in str(message):
+            return  # a full disk, for instance: programs are compiled anew each time
+        if "reading persistent compilation cache entry" not in str(message):
+            show(message, category, filename, lineno, file, line)
+            return
+        for entry in folder.glob("*"):
+            with suppress(OSError):
+                entry.unlink()
+        console().print(f"Compiled programs in {folder} were damaged; they are compiled anew.")
+
+    warnings.showwarning = shown
 
 
 def console() -> "Console":

@@ -16,7 +16,6 @@ from .runs import (
     deliver,
     digest_of_weights,
     in_range,
-    load,
     printable,
     shown_training,
     training_config,
@@ -111,7 +110,7 @@ def make_generator(weights: Path | None, guidance: str) -> "TabletopGenerator":
     from deggflow.tasks.tabletop.generator import TabletopGenerator
     from deggflow.tasks.tabletop.requirements import tabletop_guidance
 
-    field = load(load_field, weights)
+    field = load_field(weights)
     return TabletopGenerator(field, tabletop_guidance() if guidance == "degg" else None)
 
 

@@ -1,12 +1,19 @@
 """The folder of a training run: which run it holds (config.json), how far it is, and its curves (curves.csv)."""
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from deggflow.files import StrPath, write_atomically
-from deggflow.jsonl import InputError, expect_integer, expect_list, expect_object, shorten
+from deggflow.jsonl import (
+    InputError,
+    expect_integer,
+    expect_list,
+    expect_object,
+    quoted,
+    read_json,
+    shorten,
+)
 
 from .identity import CONTENT, SECTIONS
 from .settings import Curve
@@ -83,18 +90,11 @@ def write_curves(path: Path, curves: list[Curve]) -> None:
 def read_config(path: Path) -> dict[str, Any] | None:
     """The config.json of a run, or None if there is no file; `InputError` if it is not one."""
     try:
-        found = json.loads(path.read_text("utf-8"))
+        found = read_json(path)
     except FileNotFoundError:
         return None
-    except OSError as error:
-        raise InputError(f"can't be read: {error.strerror}", file=path) from None
-    except (ValueError, RecursionError) as error:  # not UTF-8, not JSON, or numbers too long
-        raise InputError(
-            f"not a run's configuration, as it is not JSON: {error}", file=path
-        ) from None
     try:
         keys = ("version", "segments", *SECTIONS)
-        expect_object(found, "", tuple(found) if isinstance(found, dict) else ())
         if "version" not in found and "validate_every" in found:
             raise InputError(
                 "the run in this folder was begun by an older version of deggflow, whose averaged weights keep a share "
@@ -103,7 +103,7 @@ def read_config(path: Path) -> dict[str, Any] | None:
         expect_object(found, "", tuple(found), ("version",))
         if found["version"] != VERSION:
             raise InputError(
-                f"must be {VERSION}; got {shorten(found['version'])}: another version of deggflow began this run",
+                f"must be {VERSION}; got {quoted(found['version'])}: another version of deggflow began this run",
                 field="version",
             )
         expect_object(found, "", keys, keys)
@@ -117,7 +117,7 @@ def read_config(path: Path) -> dict[str, Any] | None:
             expect_object(section, name, tuple(section) if isinstance(section, dict) else ())
     except InputError as error:
         raise InputError(error.reason, file=path, field=error.field) from None
-    return dict(found)
+    return found
 
 
 def check_same_run(path: Path, begun: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:

@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 
+from deggflow.schema import parse_as
 from deggflow.tasks.bridge.condition import TrialCondition
 from deggflow.tasks.bridge.evaluate import (
     KINDS,
@@ -189,7 +190,7 @@ def test_policies_are_counted_one_by_one():
 def test_rows_come_back_from_a_file():
     counts = PolicyCounts(10, 9, 10, 2)
     row = Evaluation(4, 2, 1, {"other": 1}, 2, ["a"], 0.1, {"nominal": counts}, [])
-    assert Evaluation.from_json(json.loads(json.dumps(row.to_json()))) == row
+    assert parse_as(Evaluation, json.loads(json.dumps(row.to_json()))) == row
 
 
 def test_passes_on_either_side_are_told_apart():

@@ -9,7 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from deggflow.tasks.bridge.condition import BridgeCondition, observe, to_arrays
+from deggflow.jsonl import InputError
+from deggflow.tasks.bridge.condition import BridgeCondition, Scales, observe, to_arrays
 from deggflow.tasks.bridge.field import load_field, shipped_weights
 from deggflow.tasks.bridge.scenes import random_conditions
 from deggflow.weights import save_weights
@@ -155,9 +156,28 @@ def test_saved_weights_are_read_back(field, tmp_path):
         np.testing.assert_array_equal(a, b)
 
 
-@pytest.mark.parametrize("card", [{}, {"scales": {"eta": [1.0] * 24}}, {"scales": [1, 2]}])
-def test_a_card_without_its_scales_is_refused(field, tmp_path, card):
+def _with(name, value):
+    scales = {**Scales()._asdict(), name: value}
+    return {"scales": scales}
+
+
+@pytest.mark.parametrize(
+    ("card", "reason"),
+    [
+        ({}, "`scales`: must be a JSON object; got null"),
+        ({"scales": [1, 2]}, "`scales`: must be a JSON object"),
+        ({"scales": {"eta": [1.0] * 24}}, "`scales.continuation_mean`: is missing"),
+        (_with("other", [1.0]), "`scales.other`: unknown key"),
+        (_with("eta", None), "`scales.eta`: must be a list; got null"),
+        (_with("eta", [1.0]), "`scales.eta`: must hold 24 numbers; got 1"),
+        (_with("contact", [1.0, "1"]), r"`scales.contact\[1\]`: must be a number"),
+        (_with("contact", [1.0, 0.0]), r"`scales.contact\[1\]`: must lie in \[1e-06, 1e"),
+        (_with("twist", [1.0, -1.0, 1.0]), r"`scales.twist\[1\]`: must lie in"),
+        (_with("twist", [1.0, 1.0, 1e300]), r"`scales.twist\[2\]`: must lie in"),
+    ],
+)
+def test_a_card_without_its_scales_is_refused(field, tmp_path, card, reason):
     path = tmp_path / "field.safetensors"
     save_weights(path, field, card)
-    with pytest.raises(ValueError, match="`scales` must give"):
+    with pytest.raises(InputError, match=rf"field\.json, field {reason}"):
         load_field(path)

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from deggflow.schema import parse_as
 from deggflow.statistics import Rate
 from deggflow.tasks.bridge.evaluate import KINDS, Evaluation, evaluate
 from deggflow.tasks.bridge.field import BridgeField, load_field
@@ -48,7 +49,7 @@ class BridgeSuccess:
 
     def present(self, result: Mapping[str, Any], settings: Settings) -> Section:
         """Success beside the paper's, and how nominal trials fail."""
-        rows = [Evaluation.from_json(row) for row in result["rows"]]
+        rows = [parse_as(Evaluation, row) for row in result["rows"]]
         trials, seed = result["trials"], result["seed"]
         sizes = " ".join(str(row.size) for row in rows)
         nominal, guided = _overall(rows)

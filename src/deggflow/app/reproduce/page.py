@@ -212,7 +212,7 @@ def _account(parts: Sequence[Part], code: str) -> str:
         rows.append(
             "<tr>"
             f'<td>{escape(cells[0])}</td><td class="number">{cells[1]}</td>'
-            f"<td><code>{cells[2]}</code></td><td>{link}</td><td>{escape(remark)}</td></tr>"
+            f"<td><code>{escape(cells[2])}</code></td><td>{link}</td><td>{escape(remark)}</td></tr>"
         )
     head = "".join(
         f'<th scope="col"{kind}>{name}</th>'

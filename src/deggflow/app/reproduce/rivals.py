@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from deggflow.schema import parse_as
 from deggflow.tasks.tabletop.field import load_field
 from deggflow.tasks.tabletop.frontier import CHUNK, Point, best, in_words, jobs
 from deggflow.tasks.tabletop.rivals import METHODS, Knob, Method
@@ -57,7 +58,7 @@ class Rivals:
 
     def present(self, result: Mapping[str, Any], settings: Settings) -> Section:
         """One table, and what is best at each size in words."""
-        points = [Point(**row) for row in result["rows"]]
+        points = [parse_as(Point, row) for row in result["rows"]]
         nominal = {p.size: p.seconds / p.draws for p in points if p.method == "rejection sampling"}
         table = DataTable(
             "rivals",
@@ -112,7 +113,7 @@ class RivalsFrontier:
 
     def present(self, result: Mapping[str, Any], settings: Settings) -> Section:
         """The frontier as a figure and all its points as a table."""
-        points = [Point(**row) for row in result["rows"]]
+        points = [parse_as(Point, row) for row in result["rows"]]
         sizes = sorted({point.size for point in points})
         stars = [best(group) for group in _groups(points).values()]
         table = DataTable(
@@ -183,8 +184,8 @@ def _measured(
         "rows": [[size, method.name, dict(knob)] for size, method, knob in grid],
     }
     todo = jobs(load_field(), grid, count, seed, say)
-    rows = kept_rows(settings, name, wanted, todo)
-    return {"cases": count, "seed": seed, "rows": rows}
+    rows = kept_rows(settings, name, wanted, todo, Point)
+    return {"cases": count, "seed": seed, "rows": [row.to_json() for row in rows]}
 
 
 def _ways(settings: Settings) -> list[Method]:

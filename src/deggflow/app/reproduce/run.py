@@ -5,6 +5,7 @@ import os
 import platform
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
@@ -12,6 +13,8 @@ from typing import Any, NamedTuple
 
 from deggflow import __version__
 from deggflow.files import write_atomically
+from deggflow.jsonl import InputError, read_json
+from deggflow.schema import parse_as
 
 from .experiment import UNMET, Experiment, Progress, Settings
 
@@ -25,7 +28,8 @@ class Entry(NamedTuple):
     inputs: tuple[Path, ...] = ()
 
 
-class Stored(NamedTuple):
+@dataclass(frozen=True)
+class Stored:
     """A result as it stands in its file."""
 
     settings: Mapping[str, Any]
@@ -33,6 +37,7 @@ class Stored(NamedTuple):
     code: str  # digest of the sources that measured it
     machine: Mapping[str, Any]
     seconds: float  # it took
+    content: str  # digest of all the rest, which tells whether it still is what was measured
     result: Mapping[str, Any]
 
     @property
@@ -92,14 +97,26 @@ def result_path(out: Path, name: str) -> Path:
     return out / "results" / f"{name}.json"
 
 
-def stored(out: Path, entry: Entry, settings: Settings) -> Stored | None:
-    """The result that an earlier run left, if it is whole and of the same settings."""
+def stored(out: Path, entry: Entry, settings: Settings, say: Progress) -> Stored | None:
+    """The result that an earlier run left, if it is of the same settings and stands as it was written."""
+    path = result_path(out, entry.experiment.name)
     try:
-        found = json.loads(result_path(out, entry.experiment.name).read_bytes())
-        known = Stored(**{field: found[field] for field in Stored._fields})
-    except (OSError, ValueError, KeyError, TypeError):
+        found = read_json(path)
+        if found.get("settings") != identity(entry, settings) or "content" not in found:
+            return None
+        known = parse_as(Stored, found)
+        if known.content != _content(known):
+            raise InputError("it does not hold what was measured", file=path)
+    except FileNotFoundError:
         return None
-    return known if known.settings == identity(entry, settings) else None
+    except InputError as error:
+        say(f"{path} was changed after it was written and is not used: {error.reason}")
+        return None
+    return known
+
+
+def _content(known: Stored) -> str:
+    return digest(json.dumps(asdict(replace(known, content="")), sort_keys=True).encode())
 
 
 def measured(out: Path, entry: Entry, settings: Settings, say: Progress) -> Stored:
@@ -108,18 +125,22 @@ def measured(out: Path, entry: Entry, settings: Settings, say: Progress) -> Stor
     start = time.perf_counter()
     result = entry.experiment.measure(settings, say)
     seconds = time.perf_counter() - start
-    known = Stored(
+    found = Stored(
         wanted,
         digest(json.dumps(wanted, sort_keys=True).encode()),
         code_digest(),
         machine(),
         round(seconds, 2),
+        "",
         result,
     )
-    text = json.dumps(known._asdict(), indent=1, allow_nan=False)
-    write_atomically(result_path(out, entry.experiment.name), text + "\n")
-    # Presented is what stands in the file, whether it was measured now or before.
-    return Stored(**json.loads(text))
+    # Presented is what stands in the file, whether it was measured now or before: keys are text, tuples are lists.
+    found = parse_as(Stored, json.loads(json.dumps(asdict(found), allow_nan=False)))
+    found = replace(found, content=_content(found))
+    write_atomically(
+        result_path(out, entry.experiment.name), json.dumps(asdict(found), indent=1) + "\n"
+    )
+    return found
 
 
 def results(
@@ -129,9 +150,10 @@ def results(
     found: dict[str, Stored] = {}
     for entry in entries:
         name = entry.experiment.name
-        known = stored(out, entry, settings)
         if name in chosen:
             watch.begins(name)
+        known = stored(out, entry, settings, watch.says)
+        if name in chosen:
             fresh = measured(out, entry, settings, watch.says) if known is None else None
             watch.ends(name, fresh)
             known = known or fresh

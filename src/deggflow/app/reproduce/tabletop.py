@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
+from deggflow.schema import parse_as
 from deggflow.statistics import Rate
 from deggflow.tasks.tabletop.evaluate import Evaluation, evaluate
 from deggflow.tasks.tabletop.field import load_field
@@ -168,7 +169,7 @@ def _unmet(row: Evaluation) -> list[str]:
 
 
 def _rows(result: Mapping[str, Any]) -> list[Evaluation]:
-    return [Evaluation(**row) for row in result["rows"]]
+    return [parse_as(Evaluation, row) for row in result["rows"]]
 
 
 def _sum(rows: Sequence[Evaluation]) -> SceneSuccess:

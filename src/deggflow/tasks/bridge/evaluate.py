@@ -72,12 +72,6 @@ class Evaluation:
         """As it stands in a file."""
         return asdict(self)
 
-    @classmethod
-    def from_json(cls, row: Mapping[str, Any]) -> "Evaluation":
-        """From a row that `to_json` made."""
-        policies = {name: PolicyCounts(**counts) for name, counts in row["policies"].items()}
-        return cls(**{**row, "policies": policies})
-
     def rate(self, count: int) -> Rate:
         """A count as a share of the trials."""
         return Rate(count, self.trials)

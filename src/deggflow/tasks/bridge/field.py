@@ -12,13 +12,15 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from deggflow.field import TIME_FEATURES, time_features
 from deggflow.files import StrPath
-from deggflow.weights import load_card, load_weights
+from deggflow.jsonl import InputError, expect_list, expect_number, expect_object
+from deggflow.weights import card_path, load_card, load_weights
 
 from .condition import CONTACT_SIZE, OTHER_SIZE, OWN_SIZE, BridgeCondition, Scales, observe
 from .world import AGENT_DIM, MAX_ROBOTS
 
 MESSAGE_WIDTH = 160
 HEAD_WIDTH = 256
+LARGEST_SCALE = 1e6  # m/s and rad/s; the least is its inverse
 
 Velocity = Callable[[Float[Array, ""], Float[Array, "agents dim"], Any], Float[Array, "agents dim"]]
 
@@ -109,16 +111,34 @@ def shipped_weights() -> Path:
     return Path(str(files("deggflow.tasks.bridge"))) / "weights" / "field.safetensors"
 
 
+def _scales(value: Any) -> Scales:
+    """Statistics as a card gives them: finite, of the right number, and what is divided by positive."""
+    given = expect_object(value, "scales", Scales._fields, Scales._fields)
+    found = {}
+    for name, default in Scales._field_defaults.items():
+        field = f"scales.{name}"
+        numbers = expect_list(given[name], field)
+        if len(numbers) != len(default):
+            raise InputError(f"must hold {len(default)} numbers; got {len(numbers)}", field=field)
+        least = -LARGEST_SCALE if name == "continuation_mean" else 1 / LARGEST_SCALE
+        found[name] = tuple(
+            expect_number(number, f"{field}[{k}]", least, LARGEST_SCALE, "")
+            for k, number in enumerate(numbers)
+        )
+    return Scales(**found)
+
+
 def load_field(path: StrPath | None = None) -> BridgeField:
     """A trained field from a safetensors file and its card; the shipped one if no path is given.
 
     Raises:
-        ValueError: The card or the weights are not those of a bridge field.
+        InputError: The card or the weights are not those of a bridge field.
     """
     path = shipped_weights() if path is None else Path(path)
-    given = load_card(path).get("scales")
-    if not isinstance(given, dict) or set(given) != set(Scales._fields):
-        raise ValueError(f"{path.with_suffix('.json')}: `scales` must give {Scales._fields}.")
-    scales = Scales(**{name: tuple(float(v) for v in given[name]) for name in Scales._fields})
+    card = load_card(path)
+    try:
+        scales = _scales(card.get("scales"))
+    except InputError as error:
+        raise InputError(error.reason, file=card_path(path), field=error.field) from None
     skeleton = eqx.filter_eval_shape(lambda key: BridgeField(scales, key=key), jax.random.key(0))
     return load_weights(path, skeleton)

@@ -15,8 +15,8 @@ from deggflow.jsonl import (
     expect_object,
     expect_reason,
     join,
+    quoted,
     read_lines,
-    shorten,
 )
 from deggflow.records import parse_generation
 
@@ -56,7 +56,7 @@ def _pose(value: Any, field: str) -> tuple[float, float, float]:
 
 def _contact(value: Any, field: str) -> tuple[float, float]:
     if not isinstance(value, list) or len(value) != 2:
-        raise InputError(f"must be [r_x, r_y]; got {shorten(value)}", field=field)
+        raise InputError(f"must be [r_x, r_y]; got {quoted(value)}", field=field)
     half = PLANK_LENGTH / 2
     x = expect_number(value[0], f"{field}[0]", -half, half, "m")
     y = expect_number(value[1], f"{field}[1]", -half, half, "m")
@@ -71,7 +71,7 @@ def _contact(value: Any, field: str) -> tuple[float, float]:
 def _contacts(value: Any, field: str) -> tuple[tuple[float, float], ...]:
     if not isinstance(value, list) or not MIN_ROBOTS <= len(value) <= MAX_ROBOTS:
         raise InputError(
-            f"must list the contact points of {MIN_ROBOTS} to {MAX_ROBOTS} robots; got {shorten(value)}",
+            f"must list the contact points of {MIN_ROBOTS} to {MAX_ROBOTS} robots; got {quoted(value)}",
             field=field,
         )
     points = tuple(_contact(item, f"{field}[{k}]") for k, item in enumerate(value))
@@ -104,7 +104,7 @@ def _triples(value: Any, field: str, names: str, limit: float) -> Float[np.ndarr
     rows = []
     for k, item in enumerate(value):
         if not isinstance(item, list) or len(item) != 3:
-            raise InputError(f"must be {names}; got {shorten(item)}", field=f"{field}[{k}]")
+            raise InputError(f"must be {names}; got {quoted(item)}", field=f"{field}[{k}]")
         rows.append(
             [expect_number(v, f"{field}[{k}][{j}]", -limit, limit, "") for j, v in enumerate(item)]
         )
@@ -181,7 +181,7 @@ def parse_trial(value: Any) -> Trial:
     condition = parse_condition(given["condition"], "condition")
     if given["dt"] != DT:
         raise InputError(
-            f"must be {DT}, the seconds of an action; got {shorten(given['dt'])}", field="dt"
+            f"must be {DT}, the seconds of an action; got {quoted(given['dt'])}", field="dt"
         )
     twists = parse_twists(given["twists"], "twists")
     poses = _poses(given["poses"], condition.plank, len(twists))

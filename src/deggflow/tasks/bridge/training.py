@@ -1,6 +1,5 @@
 """The bridge field's training run: demonstrations in, weights with their card out."""
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -14,6 +13,7 @@ from jaxtyping import Array, Bool, Float
 from deggflow.files import StrPath
 from deggflow.flow import Field, LinearPath
 from deggflow.jsonl import InputError
+from deggflow.output import run_settings
 from deggflow.train import Curve, TrainingConfig, run_segments, train
 from deggflow.weights import save_weights
 
@@ -75,6 +75,7 @@ def train_field(
         InputError: The data are not as they should be, or `out` holds a run on other data.
     """
     data, out = Path(data), Path(out)
+    recipe = _recipe(data)  # before hours of training: it may be damaged
     training, scales = load_dataset(data / "training.jsonl", None, shake=True)
     validation, _ = load_dataset(data / "validation.jsonl", scales, shake=True)
     if training.mask.shape[1] != validation.mask.shape[1]:
@@ -89,7 +90,7 @@ def train_field(
         loss=training_loss(scales),
         on_progress=on_progress,
     )
-    recipe, segments = _recipe(data), run_segments(out)
+    segments = run_segments(out)
     card = {
         "task": "bridge",
         "parameters": sum(leaf.size for leaf in jax.tree.leaves(eqx.filter(trained, eqx.is_array))),
@@ -105,12 +106,8 @@ def train_field(
 
 
 def _recipe(data: Path) -> dict[str, Any]:
-    path = data / "training.jsonl.run.json"
-    try:
-        recipe: dict[str, Any] = json.loads(path.read_text())
-    except (OSError, ValueError):
-        return {"source": "demonstrations not made by `deggflow bridge data`"}
-    return recipe
+    made = run_settings(data / "training.jsonl")
+    return {"source": "demonstrations not made by `deggflow bridge data`"} if made is None else made
 
 
 def commands(

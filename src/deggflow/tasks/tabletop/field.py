@@ -10,7 +10,8 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from deggflow.field import MessagePassingField, TeamFeatures, stack_features
 from deggflow.files import StrPath
-from deggflow.weights import load_card, load_weights
+from deggflow.jsonl import InputError, expect_integer, expect_object
+from deggflow.weights import card_path, load_card, load_weights
 
 from .codec import decode, place
 from .condition import Parts, TabletopCondition
@@ -22,7 +23,7 @@ NEAR, FAR = 0.05, 0.2  # m, length scales at which gaps are told apart
 SPREAD = (0.53, 0.50, 1.34)  # standard deviation of the training scenes in z
 NODE_SIZE = 2 + 8 + MAX_OBJECTS
 PAIR_SIZE = 6 + 6
-ARCHITECTURE = ("width", "rounds", "head_width")
+LARGEST = {"width": 8192, "rounds": 64, "head_width": 8192}  # that a card may name
 
 
 def _bodies(parts: Parts, agents: int) -> Parts:
@@ -108,11 +109,19 @@ def load_field(path: StrPath | None = None) -> MessagePassingField:
     """A trained field from a safetensors file and its card; the shipped one if no path is given.
 
     Raises:
-        ValueError: The card or the weights are not those of a tabletop field.
+        InputError: The card or the weights are not those of a tabletop field.
     """
     path = shipped_weights() if path is None else Path(path)
-    size = load_card(path).get("architecture")
-    if not isinstance(size, dict) or set(size) != set(ARCHITECTURE):
-        raise ValueError(f"{path.with_suffix('.json')}: `architecture` must give {ARCHITECTURE}.")
+    card = load_card(path)
+    try:
+        given = expect_object(
+            card.get("architecture"), "architecture", tuple(LARGEST), tuple(LARGEST)
+        )
+        size = {
+            name: expect_integer(given[name], f"architecture.{name}", 1, most)
+            for name, most in LARGEST.items()
+        }
+    except InputError as error:
+        raise InputError(error.reason, file=card_path(path), field=error.field) from None
     skeleton = eqx.filter_eval_shape(build_field, jax.random.key(0), **size)
     return load_weights(path, skeleton)

@@ -12,6 +12,7 @@ from deggflow.jsonl import (
     expect_number,
     expect_object,
     join,
+    quoted,
     read_lines,
     shorten,
 )
@@ -37,7 +38,7 @@ MAX_ANGLE = 2 * math.pi + 1e-9  # rad
 
 def _name(value: Any, field: str) -> str:
     if not isinstance(value, str):
-        raise InputError(f"must be the name of an object; got {shorten(value)}", field=field)
+        raise InputError(f"must be the name of an object; got {quoted(value)}", field=field)
     if not is_object_name(value):
         raise InputError(
             f"unknown object {shorten(value)!r}; known are {', '.join(NAMES)}, and further ones of a type as "
@@ -49,7 +50,7 @@ def _name(value: Any, field: str) -> str:
 
 def _objects(value: Any, field: str) -> tuple[str, ...]:
     if not isinstance(value, list):
-        raise InputError(f"must be a list of names; got {shorten(value)}", field=field)
+        raise InputError(f"must be a list of names; got {quoted(value)}", field=field)
     if not 1 <= len(value) <= MAX_HALL:
         raise InputError(f"must name 1 to {MAX_HALL} objects; got {len(value)}", field=field)
     names: dict[str, None] = {}

@@ -1,6 +1,5 @@
 """The tabletop field's training run: data in, weights with their card out."""
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -11,6 +10,7 @@ import jax
 
 from deggflow.files import StrPath
 from deggflow.jsonl import InputError
+from deggflow.output import run_settings
 from deggflow.train import Curve, TrainingConfig, run_segments, train
 from deggflow.weights import save_weights
 
@@ -39,6 +39,7 @@ def train_field(
         InputError: The data are not as they should be, or `out` holds a run on other data or of another field.
     """
     data, out = Path(data), Path(out)
+    recipe = _recipe(data)  # before hours of training: it may be damaged
     training = load_dataset(data / "training.jsonl")
     validation = load_dataset(data / "validation.jsonl")
     if training.mask.shape[1] != validation.mask.shape[1]:
@@ -54,7 +55,7 @@ def train_field(
         augment=random_symmetry,
         on_progress=on_progress,
     )
-    recipe, segments = _recipe(data), run_segments(out)
+    segments = run_segments(out)
     card = {
         "task": "tabletop",
         "architecture": architecture,
@@ -70,12 +71,8 @@ def train_field(
 
 
 def _recipe(data: Path) -> dict[str, Any]:
-    path = data / "training.jsonl.run.json"
-    try:
-        recipe: dict[str, Any] = json.loads(path.read_text())
-    except (OSError, ValueError):
-        return {"source": "scenes not made by `deggflow tabletop data`"}
-    return recipe
+    made = run_settings(data / "training.jsonl")
+    return {"source": "scenes not made by `deggflow tabletop data`"} if made is None else made
 
 
 def _commands(
