@@ -325,7 +325,7 @@ OLD = {"steps": 40, "batch": 4, "average": 0.9, "validate_every": 10}
     ("content", "reason"),
     [
         (b"", "not JSON"),
-        (b'{"version": 2, "segm', "not JSON"),
+        (b'{"version": 3, "segm', "not JSON"),
         (b"\xff\xfe{}", "not UTF-8"),
         (b"[" * 100_000, "nested too deeply"),
         (b"[]", "must be a JSON object; got []"),
@@ -334,8 +334,8 @@ OLD = {"steps": 40, "batch": 4, "average": 0.9, "validate_every": 10}
         (b"{}", "field `version`: is missing"),
         (b'{"name": "package"}', "field `version`: is missing"),
         (json.dumps(OLD).encode(), "was begun by an older version of deggflow"),
-        (b'{"version": 3}', "field `version`: must be 2; got 3: another version"),
-        (b'{"version": 2}', "field `segments`: is missing"),
+        (b'{"version": 2}', "field `version`: must be 3; got 2: another version"),
+        (b'{"version": 3}', "field `segments`: is missing"),
         (("segments", 40), "field `segments`: must be a list; got 40"),
         (("segments", []), "field `segments`: must not be empty"),
         (("segments", [10, 10]), "field `segments[1]`: must lie in [11, "),
@@ -425,11 +425,28 @@ def test_a_run_is_not_continued_without_its_curves(tmp_path, begun, content):
     assert run_segments(folder) == [10]
 
 
-def test_a_damaged_checkpoint_is_named(tmp_path, begun):
+@pytest.mark.parametrize("how", ["cut", "empty", "a bit", "another run's", "another step's"])
+def test_a_damaged_or_foreign_checkpoint_is_named(tmp_path, begun, how):
     folder = shutil.copytree(begun, tmp_path / "copy")
-    (folder / "checkpoints/10/default/_METADATA").write_text("{")
-    with pytest.raises(InputError, match=r"checkpoints/10: the checkpoint can't be read"):
-        train_number(folder, 10, **IDENTITY)
+    path = folder / "checkpoints/10.safetensors"
+    whole = path.read_bytes()
+    if how == "another run's":
+        train_number(tmp_path / "other", 10, identity={"of": "another"})
+        shutil.copy(tmp_path / "other/checkpoints/10.safetensors", path)
+    elif how == "another step's":
+        train_number(folder, 20, **IDENTITY)
+        path = folder / "checkpoints/20.safetensors"
+        shutil.copy(folder / "checkpoints/10.safetensors", path)
+    else:
+        kinds = {"cut": whole[:-5], "empty": b"", "a bit": whole[:-1] + bytes([whole[-1] ^ 1])}
+        path.write_bytes(kinds[how])
+    reason = "belongs to something else" if how.startswith("another") else "damaged|no safetensors"
+    with pytest.raises(InputError, match=rf"{path}: .*({reason}).*; remove it to go on") as caught:
+        train_number(folder, 20, **IDENTITY)
+    assert caught.value.file == path
+    path.unlink()
+    if how == "another step's":  # what advice it gives works
+        assert train_number(folder, 20, **IDENTITY)[1][-1].step == 20
 
 
 def test_data_whose_parts_differ_in_length_are_refused_by_name(tmp_path):

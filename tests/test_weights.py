@@ -32,9 +32,9 @@ def test_round_trip(tmp_path, kind):
 def test_other_shapes_and_names_are_refused(tmp_path):
     path = tmp_path / "w.safetensors"
     save_weights(path, network(), {})
-    with pytest.raises(InputError, match=r"layers\[0\].weight has shape \(8, 3\), .* \(9, 3\)"):
+    with pytest.raises(InputError, match=r"layers\[0\].weight has shape \(8, 3\), not \(9, 3\)"):
         load_weights(path, network(width=9))
-    with pytest.raises(InputError, match="does not hold this field's weights"):
+    with pytest.raises(InputError, match=r"does not hold these arrays: .* has bias"):
         load_weights(path, eqx.nn.Linear(3, 2, key=jax.random.key(0)))
 
 

@@ -4,13 +4,14 @@ import json
 import math
 import os
 from codecs import BOM_UTF8
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 from .files import StrPath
 
 T = TypeVar("T")
+Choice = TypeVar("Choice", bound=str)
 
 MAX_LINE = 4 << 20  # bytes; a hall of 10,000 objects takes half of it
 MAX_LINES = 1_000_000
@@ -202,6 +203,14 @@ def expect_text(value: Any, field: str) -> str:
     if not isinstance(value, str):
         raise InputError(f"must be text; got {quoted(value)}", field=field)
     return value
+
+
+def expect_choice(value: Any, field: str, choices: Collection[Choice]) -> Choice:
+    """Checks that a value is one of some texts."""
+    for choice in choices:
+        if value == choice:
+            return choice
+    raise InputError(f"must be one of {', '.join(choices)}; got {quoted(value)}", field=field)
 
 
 def expect_list(value: Any, field: str) -> list[Any]:

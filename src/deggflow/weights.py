@@ -1,6 +1,8 @@
 """Trained weights as a safetensors file with a JSON card beside it. Nothing is unpickled."""
 
 import json
+from collections.abc import Mapping
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -8,13 +10,16 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from safetensors import SafetensorError
-from safetensors.numpy import load_file, save
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save
 
 from .files import StrPath, write_atomically
 from .jsonl import InputError, read_json
 
 M = TypeVar("M", bound=eqx.Module)
+T = TypeVar("T")
+
+_KEY = "deggflow"  # of the metadata: digest and owner. One key, as several would come in any order
 
 
 def _is_weight(leaf: Any) -> bool:
@@ -22,12 +27,69 @@ def _is_weight(leaf: Any) -> bool:
     return isinstance(leaf, jax.ShapeDtypeStruct) or eqx.is_inexact_array(leaf)
 
 
-def _named_arrays(module: eqx.Module) -> dict[str, Any]:
-    arrays = eqx.filter(module, _is_weight)
+def _named(tree: Any) -> dict[str, Any]:
     return {
         jax.tree_util.keystr(path).lstrip("."): leaf
-        for path, leaf in jax.tree_util.tree_leaves_with_path(arrays)
+        for path, leaf in jax.tree_util.tree_leaves_with_path(tree)
     }
+
+
+def _digest(arrays: Mapping[str, np.ndarray]) -> str:
+    parts = sha256()
+    for name, array in sorted(arrays.items()):
+        parts.update(f"{name} {array.dtype} {array.shape} ".encode())
+        parts.update(np.ascontiguousarray(array).tobytes())
+    return parts.hexdigest()
+
+
+def save_arrays(path: StrPath, tree: Any, owner: str = "") -> None:
+    """Writes the leaves of a tree of arrays by name, with a digest that tells whether the file is damaged.
+
+    A kill leaves the old file or the new one. `owner` tells files of the same arrays apart.
+    """
+    arrays = {name: np.asarray(leaf) for name, leaf in _named(tree).items()}
+    write_atomically(path, save(arrays, {_KEY: f"{_digest(arrays)} {owner}"}))
+
+
+def load_arrays(path: StrPath, like: T, owner: str = "") -> T:
+    """The arrays that `save_arrays` wrote.
+
+    Args:
+        path: A safetensors file.
+        like: A tree of the same names, with arrays of the same shapes, or only their shapes.
+        owner: As it was saved.
+
+    Raises:
+        InputError: The file can't be read, is damaged, or holds other arrays; names the file and the array.
+    """
+    try:
+        with safe_open(path, "numpy") as file:
+            told = (file.metadata() or {}).get(_KEY)
+            stored = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except OSError as error:
+        raise InputError(f"can't be read: {error.strerror or error}", file=path) from None
+    except (SafetensorError, ValueError, TypeError, KeyError) as error:
+        raise InputError(f"is no safetensors file: {error}", file=path) from None
+    wanted = _named(like)
+    for name in sorted(stored.keys() ^ wanted.keys()):
+        where = "only the file" if name in stored else "not the file"
+        raise InputError(f"does not hold these arrays: {where} has {name}", file=path)
+    for name, leaf in wanted.items():
+        given = stored[name]
+        if given.shape != leaf.shape:
+            raise InputError(f"{name} has shape {given.shape}, not {leaf.shape}", file=path)
+        kinds = [jnp.issubdtype(each.dtype, jnp.inexact) for each in (given, leaf)]
+        if kinds[0] != kinds[1]:
+            what = "floats" if kinds[1] else "integers"
+            raise InputError(f"{name} must hold {what}; got {given.dtype}", file=path)
+    found = _digest(stored)
+    digest, _, belongs = (f"{found} " if told is None else told).partition(" ")
+    if digest != found:
+        raise InputError("was damaged after it was written: its digest is another", file=path)
+    if belongs != owner:
+        raise InputError("belongs to something else: its owner is another", file=path)
+    leaves = [jnp.asarray(stored[name]) for name in wanted]
+    return jax.tree.unflatten(jax.tree.structure(like), leaves)
 
 
 def card_path(path: StrPath) -> Path:
@@ -40,9 +102,7 @@ def card_path(path: StrPath) -> Path:
 
 def save_weights(path: StrPath, module: eqx.Module, card: dict[str, Any]) -> None:
     """Writes `path` (safetensors) and the card beside it (same name, .json)."""
-    path = Path(path)
-    arrays = {name: np.asarray(leaf) for name, leaf in _named_arrays(module).items()}
-    write_atomically(path, save(arrays))
+    save_arrays(path, eqx.filter(module, _is_weight))
     write_atomically(card_path(path), json.dumps(card, indent=2) + "\n")
 
 
@@ -65,29 +125,12 @@ def load_weights(path: StrPath, skeleton: M) -> M:
     The skeleton may hold arrays or only their shapes (`eqx.filter_eval_shape`).
 
     Raises:
-        InputError: The file can't be read, is no safetensors file, or its arrays are not those of the skeleton, or not
-            finite; names the file and the array.
+        InputError: The file can't be read, is damaged, or its arrays are not those of the skeleton, or not finite;
+            names the file and the array.
     """
-    try:
-        stored = load_file(path)
-    except OSError as error:
-        raise InputError(f"can't be read: {error.strerror or error}", file=path) from None
-    except (SafetensorError, ValueError, TypeError, KeyError) as error:
-        raise InputError(f"is no safetensors file: {error}", file=path) from None
-    wanted = _named_arrays(skeleton)
-    for name in sorted(stored.keys() ^ wanted.keys()):
-        where = "the file" if name in stored else "this field"
-        raise InputError(f"does not hold this field's weights: only {where} has {name}", file=path)
-    for name, leaf in wanted.items():
-        given = stored[name]
-        if given.shape != leaf.shape:
-            raise InputError(
-                f"{name} has shape {given.shape}, this field needs {leaf.shape}", file=path
-            )
-        if not jnp.issubdtype(given.dtype, jnp.floating):
-            raise InputError(f"{name} must hold floats; got {given.dtype}", file=path)
-        if not np.all(np.isfinite(given)):
+    wanted, rest = eqx.partition(skeleton, _is_weight)
+    arrays = load_arrays(path, wanted)
+    for name, array in _named(arrays).items():
+        if not jnp.all(jnp.isfinite(array)):
             raise InputError(f"{name} holds numbers that are not finite", file=path)
-    leaves = [jnp.asarray(stored[name]) for name in wanted]
-    arrays, rest = eqx.partition(skeleton, _is_weight)
-    return eqx.combine(jax.tree.unflatten(jax.tree.structure(arrays), leaves), rest)
+    return eqx.combine(arrays, rest)

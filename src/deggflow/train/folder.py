@@ -18,7 +18,7 @@ from deggflow.jsonl import (
 from .identity import CONTENT, SECTIONS
 from .settings import Curve
 
-VERSION = 2  # of config.json and checkpoints; before it, averages began at the initial weights
+VERSION = 3  # of config.json and checkpoints; before 2, averages began at the initial weights
 
 
 def read_curves(path: StrPath) -> list[Curve]:

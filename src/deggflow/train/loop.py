@@ -4,6 +4,7 @@ import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from hashlib import sha256
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,13 +13,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import optax
-import orbax.checkpoint as ocp
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from deggflow.files import StrPath, write_atomically
 from deggflow.flow import mac_loss
-from deggflow.jsonl import InputError, shorten
+from deggflow.jsonl import InputError
 
+from . import checkpoints
 from .folder import (
     VERSION,
     check_same_run,
@@ -119,19 +120,6 @@ def _make_programs(
     return advance, validate
 
 
-def _restored(
-    manager: ocp.CheckpointManager, place: Path, step: int, like: TrainingState
-) -> TrainingState:
-    try:
-        return manager.restore(step, args=ocp.args.StandardRestore(like))
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        first = shorten(str(error).partition("\n")[0], 200)
-        raise InputError(
-            f"the checkpoint can't be read; remove its folder to go on from the one before: {first}",
-            file=place,
-        ) from error
-
-
 def train(
     field: eqx.Module,
     training: Dataset,
@@ -181,7 +169,7 @@ def train(
         The field with averaged weights, and the curves from the first step on.
     """
     folder = Path(folder)
-    path, checkpoints = folder / "config.json", folder / "checkpoints"
+    path, kept = folder / "config.json", folder / "checkpoints"
     training, validation = jax.tree.map(jnp.asarray, (training, validation))
     for name, data in (("training", training), ("validation", validation)):
         check_samples(name, data)
@@ -189,35 +177,34 @@ def train(
     begun = read_config(path)
     if begun is not None:
         check_same_run(path, begun, wanted)
-    elif any(checkpoints.glob("*")):
+    elif any(kept.glob("*")):
         raise InputError(
             "does not exist, and there are checkpoints beside it: whose, can't be told; choose another folder",
             file=path,
         )
     folder.mkdir(parents=True, exist_ok=True)
-    options = ocp.CheckpointManagerOptions(max_to_keep=2, enable_async_checkpointing=False)
-    with ocp.CheckpointManager(checkpoints.resolve(), options=options) as manager:
-        done = manager.latest_step() or 0
-        segments = segments_with(path, begun, config.steps, done)
-        curves = curves_until(folder / "curves.csv", done, config.validate_every)
-        optimizer = _optimizer(config, segments)
-        weights, static = eqx.partition(field, eqx.is_inexact_array)
-        weights = jax.tree.map(jnp.copy, weights)  # the caller's own are not given away
-        averaged = jax.tree.map(jnp.zeros_like, weights)
-        state = TrainingState(weights, averaged, optimizer.init(weights), jnp.asarray(0))
-        if done:
-            state = _restored(manager, checkpoints / str(done), done, state)
-        now = {"version": VERSION, "segments": segments, **wanted}
-        if now != begun:
-            write_atomically(path, json.dumps(now, indent=2) + "\n")
-        advance, validate = _make_programs(static, config, optimizer, loss, augment)
-        for curve in curves[-1:]:
-            on_progress(curve)
-        while int(state.step) < config.steps:
-            state, mean_loss = advance(state, training)
-            held_out = float(validate(state, validation))
-            curves.append(Curve(int(state.step), float(mean_loss), held_out))
-            write_curves(folder / "curves.csv", curves)
-            manager.save(int(state.step), args=ocp.args.StandardSave(state))
-            on_progress(curves[-1])
+    run = sha256(json.dumps(wanted, sort_keys=True).encode()).hexdigest()
+    done = checkpoints.last_step(kept)
+    segments = segments_with(path, begun, config.steps, done)
+    curves = curves_until(folder / "curves.csv", done, config.validate_every)
+    optimizer = _optimizer(config, segments)
+    weights, static = eqx.partition(field, eqx.is_inexact_array)
+    weights = jax.tree.map(jnp.copy, weights)  # the caller's own are not given away
+    averaged = jax.tree.map(jnp.zeros_like, weights)
+    state = TrainingState(weights, averaged, optimizer.init(weights), jnp.asarray(0))
+    if done:
+        state = checkpoints.restore(kept, done, state, run)
+    now = {"version": VERSION, "segments": segments, **wanted}
+    if now != begun:
+        write_atomically(path, json.dumps(now, indent=2) + "\n")
+    advance, validate = _make_programs(static, config, optimizer, loss, augment)
+    for curve in curves[-1:]:
+        on_progress(curve)
+    while int(state.step) < config.steps:
+        state, mean_loss = advance(state, training)
+        held_out = float(validate(state, validation))
+        curves.append(Curve(int(state.step), float(mean_loss), held_out))
+        write_curves(folder / "curves.csv", curves)
+        checkpoints.save(kept, int(state.step), state, run)
+        on_progress(curves[-1])
     return eqx.combine(state.averaged, static), curves

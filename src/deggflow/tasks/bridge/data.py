@@ -10,14 +10,29 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from deggflow.files import StrPath
-from deggflow.jsonl import InputError, expect_object, read_lines
+from deggflow.jsonl import (
+    expect_choice,
+    expect_integer,
+    expect_number,
+    expect_object,
+    read_lines,
+)
 from deggflow.output import ResumableOutput, forget
 from deggflow.statistics import Rate
 from deggflow.train import Dataset
 
 from .codec import continuation, spline_coefficients, spline_matrix
 from .condition import BridgeCondition, Scales, padded_robots, to_arrays
-from .expert import DETOUR, PACE, TURNS, Approach, Demonstration, random_demonstration, windows
+from .expert import (
+    DETOUR,
+    PACE,
+    SIDES,
+    TURNS,
+    Approach,
+    Demonstration,
+    random_demonstration,
+    windows,
+)
 from .formats import parse_condition, parse_twists
 from .motion import contact_velocity
 from .verdict import integrate
@@ -62,24 +77,18 @@ def parse_demonstration(value: Any) -> Demonstration:
     keys = ("condition", "approach", "twists", "bridged", "seed", "number")
     given = expect_object(value, "", keys, keys)
     approach = expect_object(given["approach"], "approach", Approach._fields, Approach._fields)
-    if approach["side"] not in ("left", "right") or approach["turn"] not in TURNS:
-        raise InputError("must say side left or right and turn early or late", field="approach")
-    for name, (low, high) in (("detour", DETOUR), ("pace", PACE)):
-        number = approach[name]
-        if not isinstance(number, float) or not low <= number <= high:
-            raise InputError(f"must lie in [{low}, {high}]", field=f"approach.{name}")
-    twists = parse_twists(given["twists"], "twists")
-    for name, high in (("bridged", len(twists)), ("seed", 2**31 - 1), ("number", 2**31 - 1)):
-        number = given[name]
-        if not isinstance(number, int) or isinstance(number, bool) or not 0 <= number <= high:
-            raise InputError(f"must be an integer in [0, {high}]", field=name)
     return Demonstration(
         parse_condition(given["condition"], "condition"),
-        Approach(**approach),
-        twists,
-        given["bridged"],
-        given["seed"],
-        given["number"],
+        Approach(
+            expect_choice(approach["side"], "approach.side", SIDES),
+            expect_choice(approach["turn"], "approach.turn", TURNS),
+            expect_number(approach["detour"], "approach.detour", *DETOUR, "m"),
+            expect_number(approach["pace"], "approach.pace", *PACE, ""),
+        ),
+        (twists := parse_twists(given["twists"], "twists")),
+        expect_integer(given["bridged"], "bridged", 0, len(twists)),
+        expect_integer(given["seed"], "seed", 0, 2**31 - 1),
+        expect_integer(given["number"], "number", 0, 2**31 - 1),
     )
 
 
@@ -120,7 +129,7 @@ def write_data(
 def approaches(path: StrPath) -> dict[str, Rate]:
     """How often each way to approach occurs among the demonstrations of a file."""
     found = Counter(f"{d.approach.side}, {d.approach.turn}" for d in read_demonstrations(path))
-    ways = [f"{side}, {turn}" for side in ("left", "right") for turn in TURNS]
+    ways = [f"{side}, {turn}" for side in SIDES for turn in TURNS]
     return {way: Rate(found[way], found.total()) for way in ways}
 
 

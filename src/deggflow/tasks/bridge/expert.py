@@ -16,6 +16,7 @@ from .world import ANGULAR_SPEED, DT, HORIZON, LINEAR_SPEED, ROBOT_SPEED
 
 Side = Literal["left", "right"]  # seen from the start toward the gap: left is +y
 Turn = Literal["early", "late"]
+SIDES: tuple[Side, ...] = ("left", "right")
 
 DETOUR = (0.35, 1.1)  # m, sideways at the middle of the way
 PACE = (0.6, 0.95)  # share of the speed limits that is used
