@@ -33,6 +33,7 @@ FLOORS = [
         "certificate",
         "consistency",
         "certification",
+        "identity",
         "judge",
         "recording",
         "records",

@@ -27,7 +27,7 @@ from deggflow import (
     refined_grid,
     safe_norm,
 )
-from deggflow.trace import fingerprint
+from deggflow.identity import fingerprint, requirement_numbers
 
 BUFFER = 0.02
 
@@ -483,3 +483,70 @@ def test_a_grid_that_stands_still_has_no_certificate():
     run = jax.jit(lambda grid: generate(gather, DecoupledGuidance((APART,)), Z0, None, grid=grid))
     with pytest.raises(ValueError, match="on a grid that increases"):
         certify(run(np.array([0.0, 0.3, 0.3, 1.0])), (APART,))
+
+
+def one_of(buffer=0.02, least=0.1, scale=1.0, text="a", apart=None):
+    """A requirement whose function closes over what it asks."""
+    apart = jnp.asarray(1.0) if apart is None else apart
+
+    def margins(z, condition):
+        return scale * apart * (jnp.abs(z) - least) + 0.0 * len(text)
+
+    return PrivateRequirement(margins, buffer=buffer, name="clear")
+
+
+OTHERS = [
+    {"buffer": 0.05}, {"least": 0.11}, {"scale": 2.0}, {"text": "b"},
+    {"apart": jnp.asarray(2.0)}, {"apart": np.array(1.5)},
+]  # fmt: skip
+
+
+def test_requirements_have_numbers_of_their_own():
+    """The same settings, functions and closed-over values have the same number; anything else has another."""
+    (number,) = requirement_numbers([one_of()])
+    assert number == requirement_numbers([one_of()])[0] != 0
+    others = [requirement_numbers([one_of(**other)])[0] for other in OTHERS]
+    assert len({number, *others}) == len(OTHERS) + 1
+
+    @jax.jit
+    def inside(scale):
+        return jnp.asarray(requirement_numbers([one_of(scale=scale)]))
+
+    assert inside(2.0)[0] == 0  # not known there: it stands for any
+
+
+@pytest.mark.parametrize("other", OTHERS)
+def test_nothing_is_held_under_requirements_that_were_changed_where_nobody_looks(other):
+    """Far from what is required at both ends, so that values and limits there are the same."""
+
+    def along(tau, z, condition):
+        return jnp.full_like(z, -4.0)
+
+    z0 = jnp.array([[2.0], [3.0]])
+    made = generate(along, DecoupledGuidance((one_of(),)), z0, None)
+    assert certify(made, (one_of(),), None).generation.held
+    found = certify(made, (one_of(**other),), None).generation
+    assert not found.held
+    assert found.broken == "the sample was generated under other requirements: `clear` is another"
+
+
+def test_a_generation_that_ends_far_away_is_still_compared_at_its_start():
+    """Values of far states are compared loosely; those of z(0) are not."""
+
+    def away(tau, z, condition):
+        return 60.0 * z
+
+    def value(tau, z, condition):
+        return jnp.sum(1.0 / (1.0 + z**2)) - condition
+
+    limits = [
+        SharedRequirements((SharedFactor(value, TighteningBound(slack=s)),)) for s in (0.02, 0.5)
+    ]
+    z0 = jnp.array([[1.0], [1.5]])
+    made = generate(away, DecoupledGuidance((limits[0],)), z0, 1.0)
+    assert np.abs(made.z).max() > 1e10
+    summary = made.summary._replace(requirements=np.zeros(1, np.uint32))  # as if nothing were known
+    found = certify(made._replace(summary=summary), (limits[1],), 1.0).generation
+    assert found.broken.startswith(
+        "the sample was generated under other requirements: the limit at tau = 0"
+    )

@@ -7,7 +7,7 @@ import numpy as np
 
 from .truth import above_limits, exact, scale_of, take, verdict
 
-TIE = 1e-12  # times the scale of a sample: margins as close to zero are ties
+TIE = 1e-14  # times the scale of a sample: margins as close to zero are ties
 BARS = (
     "false satisfied",
     "false held",

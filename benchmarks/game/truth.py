@@ -168,9 +168,8 @@ def verdict(problem, z, condition, mask):
 
 
 def scale_of(z):
-    """Of a sample: 1 and its greatest coordinate, at most 1000: what has diverged has no ties."""
-    size = np.abs(np.where(np.isfinite(z), z, 0.0)).reshape(len(z), -1).max(axis=1)
-    return 1.0 + np.minimum(size, 1e3)
+    """Of a sample: 1 and its greatest coordinate, in proportion to which float64 rounds margins."""
+    return 1.0 + np.abs(np.where(np.isfinite(z), z, 0.0)).reshape(len(z), -1).max(axis=1)
 
 
 def hinges(spec, key, z, condition, mask):

@@ -8,12 +8,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Integer
 
 from .blocks import BATCHES, padded_batch
 from .certificate import Certificate
 from .generation import Generation, check_leading_axis, check_tau
 from .guidance import AbstractRequirement, DecoupledGuidance
+from .identity import requirement_numbers
 from .judge import PRECISION, Judged, follow, judge_many
 from .recording import agent_names, finite, foreign_record, not_a_number, record, verdicts_of
 from .trace import Summary, Trace
@@ -149,11 +150,13 @@ def _certify_generations(
     _check_ends(samples.summary)
     kind = samples.summary.z0.dtype
     judged = _judged(guidance, samples.summary.z0, samples.z, condition, mask, kind)
+    numbers = requirement_numbers(guidance.requirements)
     out = []
     for k in range(len(samples.z)):
         one, said = jax.tree.map(lambda leaf, k=k: leaf[k], (samples, judged))
         present = None if mask is None else mask[k]
-        out.append(_certificate(one, said, guidance, present, agents, draws[k], keep_trace))
+        other = _made_otherwise(one, said, guidance, numbers)
+        out.append(_certificate(one, said, guidance, present, agents, draws[k], keep_trace, other))
     return out
 
 
@@ -243,7 +246,7 @@ def _certify_trajectory(
     tables: Any = (tau, *trace)
     end: Any = z[-1]
     sample = Generation(end, summary, Trace(*tables), None)
-    return _certificate(sample, judged, guidance, present, agents, draws, keep_trace)
+    return _certificate(sample, judged, guidance, present, agents, draws, keep_trace, None)
 
 
 def _checked_trajectory(
@@ -271,8 +274,12 @@ def _certificate(
     agents: Sequence[str] | None,
     draws: int,
     keep_trace: bool,
+    other: str | None,
 ) -> Certificate:
-    """One sample's certificate from what the requirements say of it; numpy arrays."""
+    """One sample's certificate from what the requirements say of it, numpy arrays.
+
+    `other`: how its generation contradicts what is asked, so that nothing can be said of the way.
+    """
     names, summary = guidance.names, sample.summary
     _check_leaks(judged, names)
     verdicts = verdicts_of(judged.margins, guidance, agents)
@@ -282,7 +289,6 @@ def _certificate(
     nominal = not summary.value.shape[-1]
     made = None
     if not nominal:
-        other = _made_otherwise(sample, judged, names)
         if other is None:
             excess = np.maximum(summary.excess, judged.value - judged.limit)
             excess = np.where(np.isnan(excess), np.inf, excess)
@@ -312,9 +318,14 @@ def _certificate(
     return Certificate(reason is None, least, finite(violation), draws, reason, made, verdicts)
 
 
-def _made_otherwise(sample: Generation, judged: Judged, names: Sequence[str]) -> str | None:
+def _made_otherwise(
+    sample: Generation,
+    judged: Judged,
+    guidance: DecoupledGuidance,
+    numbers: Integer[np.ndarray, " requirements"],
+) -> str | None:
     """How a generation's summary contradicts these requirements or the sample; None if it does not."""
-    summary = sample.summary
+    summary, names = sample.summary, guidance.names
     if summary.value.shape != judged.value.shape:
         count = f"{summary.value.shape[-1]} requirements, here are {len(names)}"
         return f"the sample was generated under other requirements: {count}"
@@ -322,24 +333,28 @@ def _made_otherwise(sample: Generation, judged: Judged, names: Sequence[str]) ->
         return "z is not the end of its generation"
     if not np.array_equal(summary.condition, judged.condition):
         return "the sample was generated under another condition"
-    pairs = (
-        ("the value at tau = 0", summary.first_value, judged.first_value),
-        ("the limit at tau = 0", summary.first_limit, judged.first_limit),
-        ("the value at tau = 1", summary.value, judged.value),
-        ("the limit at tau = 1", summary.limit, judged.limit),
-    )
-    scale = np.max([np.abs(np.nan_to_num(each)) for _, *two in pairs for each in two], axis=0)
-    size = min(float(np.nan_to_num(np.abs(summary.z)).max()), 1e12)
-    least = (1e-5 * size) ** 2  # V of rounded states that meet h = buffer
-    for what, was, here in pairs:
-        # What is not a number, or beyond float32, is told as such.
-        with np.errstate(invalid="ignore", over="ignore"):
-            same = (np.abs(was - here) <= SAME * scale + least) | ~np.isfinite(was)
-        same |= ~np.isfinite(here) & bool(summary.not_a_number)
-        if not same.all():
-            row = int(np.argmin(same))
-            return (
-                f"the sample was generated under other requirements: {what} of {names[row]} was "
-                f"{was[row]:.3g}, here it is {here[row]:.3g}"
-            )
+    was = summary.requirements  # none of a trajectory, and of guidance of a user's own
+    if len(was) == len(guidance.requirements):
+        for one, asked, each in zip(was, numbers, guidance.requirements, strict=True):
+            if one != asked and 0 not in (one, asked):
+                return f"the sample was generated under other requirements: `{', '.join(each.names)}` is another"
+    ends: Any = (
+        (0, summary.z0, summary.first_value, judged.first_value, summary.first_limit, judged.first_limit),
+        (1, summary.z, summary.value, judged.value, summary.limit, judged.limit),
+    )  # fmt: skip
+    for tau, z, *of_both in ends:
+        scale = np.max([np.abs(np.nan_to_num(each)) for each in of_both], axis=0)
+        size = min(float(np.nan_to_num(np.abs(z)).max()), 1e12)
+        least = (1e-5 * size) ** 2  # V of rounded states that meet h = buffer
+        for what, was, here in (("value", *of_both[:2]), ("limit", *of_both[2:])):
+            # What is not a number, or beyond float32, is told as such.
+            with np.errstate(invalid="ignore", over="ignore"):
+                same = (np.abs(was - here) <= SAME * scale + least) | ~np.isfinite(was)
+            same |= ~np.isfinite(here) & bool(summary.not_a_number)
+            if not same.all():
+                row = int(np.argmin(same))
+                return (
+                    f"the sample was generated under other requirements: the {what} at tau = {tau} of {names[row]} "
+                    f"was {was[row]:.3g}, here it is {here[row]:.3g}"
+                )
     return None

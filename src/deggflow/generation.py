@@ -9,6 +9,7 @@ from jaxtyping import Array, Bool, Float
 
 from .flow import Field
 from .guidance import AbstractGuidance, GuidanceReport
+from .identity import requirement_numbers
 from .solver import EULER, RungeKutta
 from .step_guard import GuardedSteps, SampleProgress, StepGuard, Velocity, finish
 from .trace import Point, Summary, Trace, Work, add_point, empty_summary, kept
@@ -88,16 +89,17 @@ def generate(
     velocity = _velocity(field, guidance, condition, mask, stops)
     state = guidance.init(z0, condition, mask)
     if guard is None or not guidance.names:
-        return _fixed_steps(
+        made = _fixed_steps(
             velocity, state, z0, condition, grid, solver, mask, keep_trace, keep_path
         )
+        return _signed(made, guidance)
     steps = GuardedSteps(grid, solver, guard, keep_trace, keep_path)
     end = jax.lax.while_loop(
         steps.unfinished,
         lambda at: steps.advance(velocity, guidance.on_forced_step, mask, at),
         steps.start(velocity, state, z0, condition),
     )
-    return _generation(grid, end)
+    return _signed(_generation(grid, end), guidance)
 
 
 def generate_batch(
@@ -135,7 +137,7 @@ def generate_batch(
                 velocity, state, z0, condition, grid, solver, mask, keep_trace, keep_path
             )
 
-        return jax.vmap(fixed)(z0, given)
+        return _signed(jax.vmap(fixed)(z0, given), guidance)
     steps = GuardedSteps(grid, solver, guard, keep_trace, keep_path)
 
     def start(z0: Float[Array, "agents dim"], given: tuple[Any, Any, Any]) -> SampleProgress:
@@ -150,12 +152,21 @@ def generate_batch(
         return steps.advance(velocity, guidance.on_forced_step, mask, at)
 
     end = finish(steps, advance, given, jax.vmap(start)(z0, given))
-    return _generation(jnp.broadcast_to(grid, (len(z0), len(grid))), end)
+    return _signed(_generation(jnp.broadcast_to(grid, (len(z0), len(grid))), end), guidance)
 
 
 def _generation(tau: Float[Array, "... points"], end: SampleProgress) -> Generation:
     trace = None if end.trace is None else Trace(tau, *end.trace)
     return Generation(end.z, end.summary, trace, end.path)
+
+
+def _signed(made: Generation, guidance: AbstractGuidance) -> Generation:
+    """With what tells by which requirements it was made."""
+    numbers = requirement_numbers(getattr(guidance, "requirements", ()))
+    shape = *made.summary.points.shape, len(numbers)
+    return made._replace(
+        summary=made.summary._replace(requirements=jnp.broadcast_to(numbers, shape))
+    )
 
 
 def _velocity(

@@ -11,7 +11,8 @@ from jaxtyping import Array, Bool, Float, Integer
 from .guidance import DecoupledGuidance, GuidanceReport
 from .guidance.decoupled import least_sine, not_finite
 from .guidance.requirement import Rows
-from .trace import Kept, Point, Summary, add_point, empty_summary, fingerprint, kept
+from .identity import fingerprint
+from .trace import Kept, Point, Summary, add_point, empty_summary, kept
 
 PRECISION = {np.dtype(np.float32): 1e-5, np.dtype(np.float64): 1e-9}
 """Of |ell| |dz/dtau| + |b|, by the type in which states were computed: rows met as closely are met."""

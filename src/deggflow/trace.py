@@ -2,12 +2,11 @@
 
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Integer
 
 from .guidance import GuidanceReport
+from .identity import fingerprint
 
 BLAMED = (
     0.5  # of the largest part of a value: whose part is as large is named where a step is forced
@@ -38,34 +37,6 @@ def kept(report: GuidanceReport) -> Kept:
     return report[: len(Trace._fields) - 1]
 
 
-def fingerprint(condition: Any, dtype: Any) -> Integer[Array, " leaves"]:
-    """A number for each array of a condition, by which a certificate sees that it is asked about another one.
-
-    A sum over the bits of all entries, with weights by their places, modulo 2^32; numbers are compared in the type of the
-    states, in which the generation saw them.
-    """
-    found = [_sum_of_bits(leaf, dtype) for leaf in jax.tree.leaves(condition) if _is_number(leaf)]
-    return jnp.stack(found) if found else jnp.zeros(0, jnp.uint32)
-
-
-def _is_number(leaf: Any) -> bool:
-    if isinstance(leaf, bool | int | float):
-        return True
-    is_array = isinstance(leaf, jax.Array | np.ndarray | np.generic)
-    return is_array and (jnp.issubdtype(leaf.dtype, jnp.number) or leaf.dtype == bool)
-
-
-def _sum_of_bits(leaf: Any, dtype: Any) -> Integer[Array, ""]:
-    values = jnp.asarray(leaf)
-    floating = jnp.issubdtype(values.dtype, jnp.floating)
-    bits = jax.lax.bitcast_convert_type(values.astype(dtype if floating else jnp.int32), jnp.uint32)
-    places = jnp.arange(bits.size, dtype=jnp.uint32)
-    # Mixed before they are weighted, so that entries that change together do not cancel.
-    mixed = (bits.ravel() ^ (bits.ravel() >> 15)) * jnp.uint32(0x85EBCA6B)
-    mixed = (mixed ^ (mixed >> 13)) * (2 * places + 1) * jnp.uint32(0xC2B2AE35)
-    return jnp.sum(mixed ^ (mixed >> 16), dtype=jnp.uint32)
-
-
 class Work(NamedTuple):
     """What the generation took."""
 
@@ -89,6 +60,9 @@ class Summary(NamedTuple):
     What is said of rows and inputs leaves out tau = 1, which no input follows, and agents that are absent.
     """
 
+    requirements: Integer[
+        Array, " requirements"
+    ]  # their `requirement_numbers`; none of a trajectory made elsewhere
     condition: Integer[Array, " leaves"]  # its `fingerprint`
     z0: Float[Array, "agents dim"]
     z: Float[Array, "agents dim"]  # at the last accepted point
@@ -134,7 +108,10 @@ class Summary(NamedTuple):
 
 
 def empty_summary(
-    grid: Float[Array, " points"], z0: Float[Array, "agents dim"], condition: Any, rows: int
+    grid: Float[Array, " points"],
+    z0: Float[Array, "agents dim"],
+    condition: Any,
+    rows: int,
 ) -> Summary:
     """The summary before the first point."""
     dtype, agents, tau = z0.dtype, len(z0), grid[0]
@@ -142,6 +119,7 @@ def empty_summary(
     row, pair = jnp.zeros(rows, dtype), jnp.zeros((rows, agents), dtype)
     never, nothing = jnp.full(agents, jnp.inf, dtype), jnp.zeros((rows, agents), jnp.int32)
     return Summary(
+        requirements=jnp.zeros(0, jnp.uint32),
         condition=fingerprint(condition, dtype), z0=z0, z=z0, first_tau=tau, last_tau=tau,
         ordered=jnp.all(jnp.diff(grid) > 0), points=count,
         largest_step=jnp.zeros((), dtype), first_value=row, first_limit=row, value=row, limit=row,
@@ -191,6 +169,7 @@ def add_point(so_far: Summary, point: Point, mask: Bool[Array, " agents"] | None
         return jnp.where(flags & counts, jnp.minimum(before, tau), before)
 
     return Summary(
+        requirements=so_far.requirements,
         condition=so_far.condition,
         z0=so_far.z0,
         z=when(new, point.z, so_far.z),
