@@ -1,5 +1,7 @@
 import os
 import stat
+import subprocess
+import sys
 
 import pytest
 
@@ -33,5 +35,28 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "replace", broken)
     with pytest.raises(OSError, match="disk full"):
         write_atomically(path, "new")
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+FULL = """
+import resource, sys
+from deggflow.files import write_atomically
+
+resource.setrlimit(resource.RLIMIT_FSIZE, (10, 10))  # as a full disk: the write fails, not the opening
+try:
+    write_atomically(sys.argv[1], "x" * 100)
+except OSError as error:
+    print(error.filename)
+"""
+
+
+def test_a_write_that_fails_names_its_file_and_leaves_the_old_one(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    found = subprocess.run(
+        [sys.executable, "-c", FULL, str(path)], capture_output=True, text=True, check=True
+    )
+    assert found.stdout.strip() == str(path)
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]

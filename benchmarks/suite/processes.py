@@ -98,7 +98,7 @@ def command(patience: Patience, quick: bool) -> Iterator[Row]:
                 "--out",
                 str(out),
             ]
-            call = [sys.executable, "-m", "deggflow.app.cli", *given]
+            call = [sys.executable, "-m", "deggflow.app.start", *given]
             begin = time.perf_counter()
             subprocess.run(call, capture_output=True, check=True)
             seconds = time.perf_counter() - begin
@@ -112,7 +112,7 @@ def start_up(patience: Patience, quick: bool) -> Iterator[Row]:
     """How long the command takes to say what it can do."""
     calls = {
         "start/python": ["-c", "pass"],
-        "start/help": ["-m", "deggflow.app.cli", "--help"],
+        "start/help": ["-m", "deggflow.app.start", "--help"],
     }
     ways = {
         "start/python": Way("python, doing nothing"),

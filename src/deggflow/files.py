@@ -47,6 +47,10 @@ def replacing(path: StrPath) -> Iterator[Path]:
         with open(name, "rb") as file:
             os.fsync(file.fileno())
         os.replace(name, path)
+    except OSError as error:
+        error.filename = error.filename or os.fspath(path)  # a failed write does not know of what
+        Path(name).unlink(missing_ok=True)
+        raise
     except BaseException:
         Path(name).unlink(missing_ok=True)
         raise

@@ -22,7 +22,7 @@ def run_deggflow(environment):
     """Runs the command in a folder, or starts it there."""
 
     def run(folder, *arguments, start=False):
-        command = [sys.executable, "-m", "deggflow.app.cli", *map(str, arguments)]
+        command = [sys.executable, "-m", "deggflow.app.start", *map(str, arguments)]
         if start:
             return subprocess.Popen(
                 command,

@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 from html.parser import HTMLParser
 from urllib.parse import urlparse
 
@@ -11,7 +12,7 @@ import pytest
 from deggflow.app.reproduce import registry, run
 from deggflow.app.reproduce.artefacts import check_names, table_csv, table_json
 from deggflow.app.reproduce.command import write_report
-from deggflow.app.reproduce.experiment import DataTable, Finding, Plot, Section, Settings
+from deggflow.app.reproduce.experiment import UNMET, DataTable, Finding, Plot, Section, Settings
 from deggflow.app.reproduce.page import duration, shown
 from deggflow.app.reproduce.run import Entry, Stored, Watch, result_path, results
 from deggflow.schema import parse_as
@@ -190,6 +191,19 @@ def test_the_page_is_whole_needs_no_network_and_every_link_leads_somewhere(repor
     style = (report / "report.html").read_text().split("<style>")[1].split("</style>")[0]
     assert "url(" not in style
     assert "@import" not in style
+
+
+def test_nothing_of_a_results_file_becomes_part_of_the_page(tmp_path):
+    """Whoever edits a result, its digest included, writes text and no HTML."""
+    found = measure(tmp_path, [Entry(Fake())])["fake"]
+    names = {"cores": NASTY, "processor": NASTY, "system": NASTY, "python": NASTY, "jax": NASTY}
+    changed = replace(
+        found, digest=NASTY, code=NASTY, machine=names, result={**found.result, UNMET: [NASTY]}
+    )
+    write_report(tmp_path, [Entry(Fake())], {"fake": changed}, Settings())
+    page = Reader((tmp_path / "report.html").read_text())
+    assert {"script", "link", "iframe"}.isdisjoint(page.tags)
+    assert page.text.count(NASTY) >= 9 + 5 + 2
 
 
 def test_texts_stand_as_they_are(report):

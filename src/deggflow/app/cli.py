@@ -9,6 +9,7 @@ from deggflow.jsonl import InputError
 from . import bridge, demo, rivals, tabletop
 from .reproduce.command import reproduce
 from .session import BAD_INPUT, UNFORESEEN
+from .start import INTERRUPTED, MESSAGE
 
 _TABLETOP = SubcommandApp()
 _TABLETOP.command(tabletop.data)
@@ -54,17 +55,14 @@ def main(arguments: list[str] | None = None) -> None:
         print(f"deggflow: {error}", file=sys.stderr)
         code = BAD_INPUT
     except KeyboardInterrupt:
-        print("deggflow: interrupted; with --out, rerun the command to resume", file=sys.stderr)
-        code = 130
+        print(MESSAGE, file=sys.stderr)
+        code = INTERRUPTED
     except BrokenPipeError:
         code = UNFORESEEN
     except OSError as error:
-        if error.filename is None:
+        if error.errno is None:
             raise
-        print(f"deggflow: {error.filename}: {error.strerror}", file=sys.stderr)
+        place = "" if error.filename is None else f"{error.filename}: "
+        print(f"deggflow: {place}{error.strerror}", file=sys.stderr)
         code = BAD_INPUT
     sys.exit(code)
-
-
-if __name__ == "__main__":
-    main()

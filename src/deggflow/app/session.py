@@ -74,7 +74,7 @@ def console() -> "Console":
     """Messages go to stderr; stdout is for results."""
     from rich.console import Console
 
-    return Console(stderr=True, highlight=False)
+    return Console(stderr=True, highlight=False, soft_wrap=True)
 
 
 def output() -> "Console":
