@@ -48,7 +48,8 @@ def replacing(path: StrPath) -> Iterator[Path]:
             os.fsync(file.fileno())
         os.replace(name, path)
     except OSError as error:
-        error.filename = error.filename or os.fspath(path)  # a failed write does not know of what
+        if error.errno is not None and error.filename is None:
+            error.filename = os.fspath(path)  # a failed write does not know of what
         Path(name).unlink(missing_ok=True)
         raise
     except BaseException:
