@@ -267,7 +267,7 @@ def bridge_kinds(home: Path) -> list[Kind]:
     return [
         Kind("bridge conditions", conditions, lambda: read_conditions(conditions)),
         Kind("trials", trials, lambda: command("bridge", "certify", trials, "--quiet")),
-        Kind("demonstrations", demonstrations, lambda: load_dataset(demonstrations, None, shake=True), 0.5),
+        Kind("demonstrations", demonstrations, lambda: load_dataset(demonstrations, None, perturb=True), 0.5),
         Kind("bridge card", weights.with_suffix(".json"), lambda: load_field(weights), 0.5),
         Kind("bridge weights", weights, lambda: load_field(weights), 0.5),
     ]  # fmt: skip

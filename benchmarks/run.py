@@ -33,12 +33,12 @@ class Settings:
 
 def subjects() -> dict[str, Subject]:
     """Everything that is measured, by name, in the order of the table."""
-    from suite import generation, halls, joint, parts, processes, qp, rounding, script, speed
+    from suite import generation, joint, large_scenes, parts, processes, qp, rounding, script, speed
 
     return {
         "scenes": generation.scenes,
         "policies": generation.policies,
-        "halls": halls.halls,
+        "large scenes": large_scenes.large_scenes,
         "parts": parts.parts,
         "speed": speed.speed,
         "compile": processes.compiling,

@@ -94,7 +94,10 @@ def main(trials: int = 20, robots: int = 6, seed: int = 1) -> None:
         took = [seconds for end, seconds in ended if end == "bridged"]
         notes = [f"in {np.mean(took):.1f} s"] if took else []
         notes += [f"{count} x {end}" for end, count in counts.most_common()]
-        print(f"{name:9}{rate.hits:3} of {rate.cases}  {rate!s:24} {', '.join(notes)}", flush=True)
+        print(
+            f"{name:9}{rate.successes:3} of {rate.cases}  {rate!s:24} {', '.join(notes)}",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ FLOORS = [
         "solver",
     },
     {
-        "rivals",
+        "baselines",
         "trace",
         "generation",
         "step_guard",

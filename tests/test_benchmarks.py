@@ -162,7 +162,7 @@ def test_the_script_in_pytorch_has_our_inputs(scene, pooled):
 
     @jax.jit
     def ours(z, drift):
-        return guidance(guidance.init(z, one), jnp.asarray(0.3), z, drift, one)[0]
+        return guidance(guidance.init(z, one), jnp.asarray(0.3), z, drift, one)[1]
 
     scenes, state = plain_torch.scenes_of(conditions), torch.from_numpy(z)
     gain = plain_torch.first_gain(state, scenes)

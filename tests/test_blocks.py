@@ -13,7 +13,7 @@ from deggflow import blocks
 def test_every_part_is_done_in_order(monkeypatch, cores, count, compiled):
     monkeypatch.setattr(blocks, "cores", lambda: cores)
     parts = list(range(count))
-    assert blocks.side_by_side(lambda x: x * x, parts, compiled=compiled) == [x * x for x in parts]
+    assert blocks.map_blocks(lambda x: x * x, parts, compiled=compiled) == [x * x for x in parts]
 
 
 def test_the_first_part_is_alone_until_its_program_is_compiled(monkeypatch):
@@ -30,7 +30,7 @@ def test_the_first_part_is_alone_until_its_program_is_compiled(monkeypatch):
             busy.discard(part)
         return part
 
-    blocks.side_by_side(call, [0, 1, 2], compiled=False)
+    blocks.map_blocks(call, [0, 1, 2], compiled=False)
     assert order[0] == 0
     assert most[0] == (0, 1)
 
@@ -44,4 +44,4 @@ def test_an_error_in_a_part_is_not_lost(monkeypatch):
         return part
 
     with pytest.raises(ValueError, match="part 2"):
-        blocks.side_by_side(call, [0, 1, 2], compiled=True)
+        blocks.map_blocks(call, [0, 1, 2], compiled=True)

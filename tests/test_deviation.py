@@ -287,7 +287,7 @@ class Pushing(AbstractGuidance):
         return None
 
     def __call__(self, state, tau, z, drift, condition, moving=None):
-        return self.push, NoGuidance()(None, tau, z, drift, condition)[1]
+        return None, self.push, NoGuidance()(None, tau, z, drift, condition)[2]
 
     def on_forced_step(self, state, tau, value, above):
         return None

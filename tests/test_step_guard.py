@@ -200,7 +200,7 @@ def test_who_takes_over_for_a_stopped_agent(allocation, can, key):
     moving = jnp.array([False, True, True, True])
     state = guidance.init(z, None)
     drift = jnp.zeros_like(z)
-    correction, report = guidance(state, jnp.asarray(0.5), z, drift, None, moving)
+    _, correction, report = guidance(state, jnp.asarray(0.5), z, drift, None, moving)
     assert bool(report.infeasible[0]) != can
     assert bool(report.able[0, 0]) == can
     assert jnp.all(correction[0] == 0)

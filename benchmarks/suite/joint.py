@@ -2,10 +2,10 @@
 
 from collections.abc import Iterator
 
+from deggflow.tasks.tabletop.baselines import METHODS
 from deggflow.tasks.tabletop.field import load_field
 from deggflow.tasks.tabletop.generator import TabletopGenerator
 from deggflow.tasks.tabletop.requirements import tabletop_guidance
-from deggflow.tasks.tabletop.rivals import METHODS
 
 from .clock import Patience, in_turn
 from .generation import scene_call

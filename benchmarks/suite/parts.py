@@ -97,8 +97,8 @@ def _steps(field: Any, guidance: DecoupledGuidance, z: Any, condition: Any) -> C
     def velocity(condition: Any) -> Velocity:
         def guided(state: Any, tau: Any, z: Any) -> Any:
             drift = field(tau, z, condition)
-            correction, report = guidance(state, tau, z, drift, condition)
-            return drift + correction, report
+            state, correction, report = guidance(state, tau, z, drift, condition)
+            return state, drift + correction, report
 
         return guided
 

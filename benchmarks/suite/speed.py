@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from deggflow.blocks import blocks, side_by_side
+from deggflow.blocks import blocks, map_blocks
 
 from .clock import Call, Patience, in_turn
 from .rows import Row, Spread, Times, spread
@@ -66,7 +66,7 @@ def _waited(run: Any, *given: Any) -> None:
 
 
 def _side_by_side(run: Any, parts: Sequence[Any]) -> None:
-    side_by_side(lambda part: _waited(run, *part), parts, compiled=True)
+    map_blocks(lambda part: _waited(run, *part), parts, compiled=True)
 
 
 def _field(batch: int) -> tuple[Any, tuple[Any, ...]]:

@@ -35,7 +35,7 @@ def blocks(count: int) -> list[Int[np.ndarray, " samples"]]:
     return [np.arange(k, min(k + BLOCK, count)) for k in range(0, count, BLOCK)]
 
 
-def side_by_side(call: Callable[[A], B], parts: Sequence[A], *, compiled: bool = False) -> list[B]:
+def map_blocks(call: Callable[[A], B], parts: Sequence[A], *, compiled: bool = False) -> list[B]:
     """What `call` makes of each part, in order: one thread to a core, as a program of small arrays uses only one.
 
     Args:

@@ -180,17 +180,17 @@ def _velocity(
 
     def velocity(
         state: Any, tau: Float[Array, ""], z: Float[Array, "agents dim"]
-    ) -> tuple[Float[Array, "agents dim"], GuidanceReport]:
+    ) -> tuple[Any, Float[Array, "agents dim"], GuidanceReport]:
         drift = _checked_drift(field(tau, z, condition), z)
         moving = mask
         if stops is not None:
             moving = tau < stops if mask is None else mask & (tau < stops)
         if moving is None:
-            correction, report = guidance(state, tau, z, drift, condition)
-            return drift + correction, report
+            state, correction, report = guidance(state, tau, z, drift, condition)
+            return state, drift + correction, report
         drift = jnp.where(moving[:, None], drift, 0.0)
-        correction, report = guidance(state, tau, z, drift, condition, moving)
-        return drift + jnp.where(moving[:, None], correction, 0.0), report
+        state, correction, report = guidance(state, tau, z, drift, condition, moving)
+        return state, drift + jnp.where(moving[:, None], correction, 0.0), report
 
     return velocity
 
@@ -207,24 +207,24 @@ def _fixed_steps(
     keep_path: bool,
 ) -> Generation:
     yes, no = jnp.asarray(True), jnp.asarray(False)
-    _, shapes = jax.eval_shape(velocity, state, grid[0], z0)
+    *_, shapes = jax.eval_shape(velocity, state, grid[0], z0)
     nowhere = jnp.zeros(shapes.value.shape, bool)
 
     def step(
-        at: tuple[Float[Array, "agents dim"], Summary],
+        at: tuple[Any, Float[Array, "agents dim"], Summary],
         span: tuple[Float[Array, ""], Float[Array, ""], Bool[Array, ""]],
-    ) -> tuple[tuple[Float[Array, "agents dim"], Summary], Any]:
-        (z, summary), (tau, after, last) = at, span
-        slope, report = velocity(state, tau, z)
+    ) -> tuple[tuple[Any, Float[Array, "agents dim"], Summary], Any]:
+        (state, z, summary), (tau, after, last) = at, span
+        state, slope, report = velocity(state, tau, z)
         point = Point(tau, z, report, yes, no, nowhere, no, nowhere, last)
-        moved = solver.step(lambda t, x: velocity(state, t, x)[0], tau, z, slope, after - tau)
+        moved = solver.step(lambda t, x: velocity(state, t, x)[1], tau, z, slope, after - tau)
         # No step follows tau = 1, where some fields are infinite.
-        ahead = jnp.where(last, z, moved), add_point(summary, point, mask)
+        ahead = state, jnp.where(last, z, moved), add_point(summary, point, mask)
         return ahead, (kept(report) if keep_trace else None, z if keep_path else None)
 
     spans = grid, jnp.append(grid[1:], grid[-1]), jnp.arange(len(grid)) == len(grid) - 1
-    start = z0, empty_summary(grid, z0, condition, shapes.value.shape[0])
-    (z, summary), (trace, path) = jax.lax.scan(step, start, spans)
+    start = state, z0, empty_summary(grid, z0, condition, shapes.value.shape[0])
+    (_, z, summary), (trace, path) = jax.lax.scan(step, start, spans)
     return Generation(z, summary, None if trace is None else Trace(grid, *trace), path)
 
 

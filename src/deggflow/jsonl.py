@@ -13,7 +13,7 @@ from .files import StrPath
 T = TypeVar("T")
 Choice = TypeVar("Choice", bound=str)
 
-MAX_LINE = 4 << 20  # bytes; a hall of 10,000 objects takes half of it
+MAX_LINE = 4 << 20  # bytes; a large scene of 10,000 objects takes half of it
 MAX_LINES = 1_000_000
 MAX_FILE = 64 << 20  # bytes of a file that holds one object
 
@@ -48,7 +48,7 @@ def _refuse_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     out: dict[str, Any] = {}
     for key, value in pairs:
         if key in out:
-            raise InputError("this key stands twice", field=shorten(key))
+            raise InputError("this key is listed twice", field=shorten(key))
         out[key] = value
     return out
 

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from .blocks import blocks, padded_batch, side_by_side
+from .blocks import blocks, map_blocks, padded_batch
 from .certificate import Certificate
 from .certification import as_guidance, certify_batch
 from .flow import Field
@@ -216,7 +216,7 @@ class _Run(NamedTuple):
 
     def draw(self, numbers: Int[np.ndarray, " samples"], draw: int) -> list[Candidate[_Sample]]:
         """Samples of these numbers, drawn once and judged."""
-        parts = side_by_side(
+        parts = map_blocks(
             partial(self._block, draw), [numbers[part] for part in blocks(len(numbers))]
         )
         made = jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)

@@ -10,21 +10,21 @@ MANY = 5_000  # cases from which on a second digit means something
 class Rate(NamedTuple):
     """A count out of a number of independent cases."""
 
-    hits: int
+    successes: int
     cases: int
 
     @property
-    def share(self) -> float:
-        """The share, between 0 and 1."""
-        return self.hits / self.cases
+    def proportion(self) -> float:
+        """The proportion, between 0 and 1."""
+        return self.successes / self.cases
 
     def interval(self, confidence: float = 0.95) -> tuple[float, float]:
-        """Wilson score interval of the share."""
-        found = binomtest(self.hits, self.cases).proportion_ci(confidence, method="wilson")
+        """Wilson score interval of the proportion."""
+        found = binomtest(self.successes, self.cases).proportion_ci(confidence, method="wilson")
         return float(found.low), float(found.high)
 
     def __str__(self) -> str:
         low, high = self.interval()
         digits = 1 if self.cases < MANY else 2
-        share, *ends = (f"{100 * each:.{digits}f}" for each in (self.share, low, high))
-        return f"{share}% [{', '.join(ends)}]"
+        proportion, *ends = (f"{100 * each:.{digits}f}" for each in (self.proportion, low, high))
+        return f"{proportion}% [{', '.join(ends)}]"

@@ -19,9 +19,9 @@ from .trace import Kept, Point, Summary, add_point, empty_summary, kept
 
 Velocity = Callable[
     [Any, Float[Array, ""], Float[Array, "agents dim"]],
-    tuple[Float[Array, "agents dim"], GuidanceReport],
+    tuple[Any, Float[Array, "agents dim"], GuidanceReport],
 ]
-"""(state of the guidance, tau, z) -> dz/dtau and what the guidance reports."""
+"""(state of the guidance, tau, z) -> the state after this point, dz/dtau, and what the guidance reports."""
 
 OnForcedStep = Callable[[Any, Float[Array, ""], Float[Array, " rows"], Bool[Array, " rows"]], Any]
 
@@ -79,7 +79,7 @@ class GuardedSteps(NamedTuple):
         """Progress of a sample that proposes z(0)."""
         points, tau = self.grid.shape[0], self.grid[0]
         none = jnp.zeros((), jnp.int32)
-        _, shapes = jax.eval_shape(velocity, state, tau, z0)
+        *_, shapes = jax.eval_shape(velocity, state, tau, z0)
         row = jnp.zeros_like(shapes.value)
         trace = jax.tree.map(lambda one: jnp.zeros((points, *one.shape), one.dtype), kept(shapes))
         return SampleProgress(
@@ -101,7 +101,7 @@ class GuardedSteps(NamedTuple):
     ) -> SampleProgress:
         """Evaluates the proposed point, accepts or refuses it, and proposes another; a sample that is done stays."""
         points, active = self.grid.shape[0], self.unfinished(at)
-        slope, report = velocity(at.state, at.proposed_tau, at.proposed_z)
+        then, slope, report = velocity(at.state, at.proposed_tau, at.proposed_z)
         # NaN counts as exceeding the limit; no step led to the first point.
         over = ~(report.value <= report.limit) & (at.goal > 0)
         within = ~jnp.any(over)
@@ -110,11 +110,11 @@ class GuardedSteps(NamedTuple):
         forced = accept & ~within
         reached = accept & (at.proposed_tau == self.grid[at.goal])
         goal = at.goal + reached
+        told = on_forced_step(then, at.proposed_tau, report.value, over)
         state = jax.tree.map(
-            lambda new, old: jnp.where(forced, new, old),
-            on_forced_step(at.state, at.proposed_tau, report.value, over),
-            at.state,
-        )
+            lambda forced_on, on, old: jnp.where(forced, forced_on, jnp.where(accept, on, old)),
+            told, then, at.state,
+        )  # fmt: skip
         size = at.proposed_tau - at.tau
         unexpected = (report.value - at.value) / jnp.where(size > 0, size, 1.0) - at.value_slope
         much_shorter = size <= at.refused_size / 4
@@ -134,7 +134,7 @@ class GuardedSteps(NamedTuple):
         slope = jnp.where(accept, slope, at.slope)
         ahead = self.grid[jnp.minimum(goal, points - 1)]
         after = jnp.where(refuse, tau + size / 2, ahead)
-        moved = self.solver.step(lambda t, x: velocity(state, t, x)[0], tau, z, slope, after - tau)
+        moved = self.solver.step(lambda t, x: velocity(state, t, x)[1], tau, z, slope, after - tau)
         spot = jnp.where(reached, at.goal, points)  # beyond the end: not written
         return SampleProgress(
             tau=tau,

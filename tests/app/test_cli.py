@@ -101,9 +101,9 @@ def test_a_hall_is_a_scene_like_any_other(inside, tmp_path):
     made = inside("tabletop", "generate", "--size", 20, "--seed", 3, "--out", "hall.jsonl")
     assert made.returncode == 0, made.stderr
     assert "1 of 1 scene satisfies every requirement" in made.stderr
-    hall = json.loads((tmp_path / "hall.jsonl").read_text())
-    assert len(set(hall["condition"]["objects"])) == 20
-    assert hall["certificate"]["generation"]["requirements"][0]["name"] == "affordance"
+    large = json.loads((tmp_path / "hall.jsonl").read_text())
+    assert len(set(large["condition"]["objects"])) == 20
+    assert large["certificate"]["generation"]["requirements"][0]["name"] == "affordance"
     assert inside("tabletop", "certify", "hall.jsonl").returncode == 0
     drawn = inside("tabletop", "render", "hall.jsonl", "--out", "p", "--nominal")
     assert drawn.returncode == 0, drawn.stderr
@@ -357,15 +357,15 @@ def test_data_and_training_from_the_command_line(inside, tmp_path):
     assert "run/config.json: must be a JSON object; got []" in refused.stderr
 
 
-def test_rivals_are_compared_and_unknown_ones_refused(inside, tmp_path):
+def test_baselines_are_compared_and_unknown_ones_refused(inside, tmp_path):
     ways = ("penalty gradient", "rejection sampling")
-    small = ("tabletop", "rivals", "--cases", 3, "--sizes", 3, "--chosen", "--out", "rows.jsonl")
+    small = ("tabletop", "baselines", "--cases", 3, "--sizes", 3, "--chosen", "--out", "rows.jsonl")
     found = inside(*small, "--methods", *ways)
     assert found.returncode == 0, found.stderr
     written = [json.loads(line) for line in (tmp_path / "rows.jsonl").read_text().splitlines()]
     assert [row["method"] for row in written] == list(ways)
     for name in ways:
         assert name in found.stdout
-    refused = inside("tabletop", "rivals", "--methods", "magic")
+    refused = inside("tabletop", "baselines", "--methods", "magic")
     assert refused.returncode == 2
     assert "'magic' is none of" in refused.stderr

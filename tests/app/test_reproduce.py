@@ -325,8 +325,8 @@ def test_the_paper_says_of_itself_what_its_rows_add_up_to():
     bridge = [
         paper.overall(list(column)) for column in zip(*paper.TASK1_SUCCESS.values(), strict=True)
     ]
-    assert [(rate.hits, rate.cases) for rate in bridge] == [(218, 250), (250, 250)]
+    assert [(rate.successes, rate.cases) for rate in bridge] == [(218, 250), (250, 250)]
     scenes = [
         paper.overall(list(column)) for column in zip(*paper.TASK2_SUCCESS.values(), strict=True)
     ]
-    np.testing.assert_allclose([rate.share for rate in scenes], [0.54, 0.448, 1.0])
+    np.testing.assert_allclose([rate.proportion for rate in scenes], [0.54, 0.448, 1.0])

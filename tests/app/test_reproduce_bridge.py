@@ -20,9 +20,9 @@ from deggflow.statistics import Rate
 from deggflow.tasks.bridge.evaluate import Evaluation, PolicyCounts
 from deggflow.tasks.bridge.field import load_field
 from deggflow.tasks.bridge.formats import parse_trial
+from deggflow.tasks.bridge.observations import task_value
 from deggflow.tasks.bridge.oracle import refutation
 from deggflow.tasks.bridge.process import TICK
-from deggflow.tasks.bridge.readings import task_value
 from deggflow.tasks.bridge.verdict import bridges
 from deggflow.tasks.bridge.world import (
     DT,
@@ -104,8 +104,8 @@ def test_every_experiment_has_a_name_of_its_own():
 
 
 def test_the_papers_counts_add_up_to_its_overall_row():
-    assert sum(rate.hits for rate in bridge_success.PAPER_NOMINAL.values()) == 218
-    assert sum(rate.hits for rate in bridge_success.PAPER_GUIDED.values()) == 250
+    assert sum(rate.successes for rate in bridge_success.PAPER_NOMINAL.values()) == 218
+    assert sum(rate.successes for rate in bridge_success.PAPER_GUIDED.values()) == 250
 
 
 def rows():

@@ -17,7 +17,7 @@ from deggflow.app.reproduce.evolution import evolution, first_pair, in_words
 from deggflow.app.reproduce.examples import LeftHanded, left_handed, pairs_apart
 from deggflow.app.reproduce.experiment import UNMET, Settings
 from deggflow.app.reproduce.retrain import plan
-from deggflow.app.reproduce.words import from_log, listed, scientific, share
+from deggflow.app.reproduce.words import from_log, listed, proportion, scientific
 from deggflow.deviation import Deviation
 from deggflow.jsonl import InputError
 from deggflow.statistics import Rate
@@ -192,10 +192,10 @@ def test_a_whole_experiment_in_small(field, inside, tmp_path, monkeypatch):
     table = json.loads((out / "tables" / "tabletop_success.json").read_text())
     cells = [dict(zip(table["columns"], row, strict=True)) for row in table["rows"]]
     for cell, row in zip(cells, rows, strict=False):
-        assert cell["natural nominal"] == str(Rate(row["natural"], 3))
+        assert cell["nominal default"] == str(Rate(row["nominal_default"], 3))
         assert cell["guided, first draw"] == str(Rate(row["first_draw"], 3))
         assert cell["unsatisfied"] == 3 - row["satisfied"]
-    assert cells[0]["natural, paper"] == "32%"
+    assert cells[0]["nominal_default, paper"] == "32%"
     assert cells[-1]["cases"] == 6
     assert {path.name for path in (out / "figures").iterdir()} == {
         f"{name}.{ending}" for name in chosen for ending in ("png", "pdf")
@@ -254,8 +254,8 @@ def test_a_sample_above_the_bound_that_holds_for_its_steps_is_told():
 
 
 def test_rates_and_small_numbers_are_said_as_one_says_them():
-    assert (share(Rate(44, 50)), share(None)) == ("88%", None)
-    assert share(Rate(112, 250)) == "44.8%"
+    assert (proportion(Rate(44, 50)), proportion(None)) == ("88%", None)
+    assert proportion(Rate(112, 250)) == "44.8%"
     assert listed([Rate(112, 1_000), Rate(1_000, 1_000)]) == "11.2% / 100.0% of 1,000"
     assert scientific(BUFFER**2 / 2) == "2.0·10⁻⁴"
     numbers = (0.0, 0.0123, 3.0, 999.0, 1234.5, -2e-7)

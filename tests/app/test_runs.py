@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 import pytest
 
 from deggflow.app import runs
-from deggflow.app.runs import Wanted, deliver, run_jobs, wanted
+from deggflow.app.runs import ConditionSource, run_jobs, wanted, write_results
 from deggflow.jsonl import InputError
 from deggflow.output import ResumableOutput
 
@@ -44,14 +44,14 @@ def numbers(first, many):
 @pytest.fixture
 def ten(monkeypatch):
     monkeypatch.setattr(runs, "CHUNK", 4)
-    return Wanted(10, 0, numbers)
+    return ConditionSource(10, 0, numbers)
 
 
 def test_a_chunk_that_was_cut_is_made_again_whole_and_its_rest_is_kept(ten, tmp_path, capsys):
     whole, cut = tmp_path / "whole.jsonl", tmp_path / "cut.jsonl"
 
     def run(path):
-        return deliver(path, {}, ten, "rows", odd, lambda first, _: ten.chunks(make, first))
+        return write_results(path, {}, ten, "rows", odd, lambda first, _: ten.chunks(make, first))
 
     assert run(whole) == 5
     lines = whole.read_bytes().splitlines(keepends=True)
@@ -68,7 +68,7 @@ def test_a_chunk_that_was_cut_is_made_again_whole_and_its_rest_is_kept(ten, tmp_
 
 @pytest.mark.parametrize("count", [1, 4, 5, 9, 10, 30])
 def test_chunks_begun_ahead_come_in_order(ten, count):
-    wanted = Wanted(count, 0, ten.part)
+    wanted = ConditionSource(count, 0, ten.part)
     for first in range(count + 1):
         ahead = [row for rows in wanted.chunks(make, first, ahead=True) for row in rows]
         assert ahead == [row for rows in wanted.chunks(make, first) for row in rows]

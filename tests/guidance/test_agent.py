@@ -13,7 +13,7 @@ from deggflow import (
     SharedFactor,
     SharedRequirements,
 )
-from deggflow.guidance.agent import agent_input, told
+from deggflow.guidance.agent import agent_input, communication_cost
 
 AGENTS, DIM, INPUTS = 4, 3, 2
 
@@ -57,7 +57,7 @@ def test_an_agent_alone_finds_its_part_of_the_teams_inputs(g, key):
     guidance = DecoupledGuidance((SHARED, PRIVATE), control=g, metric=None if g is None else METRIC)
     z, drift = jax.random.normal(key, (2, AGENTS, DIM))
     state, tau = guidance.init(z, None), jnp.asarray(0.4)
-    together, report = jax.jit(lambda: guidance(state, tau, z, drift, None))()
+    _, together, report = jax.jit(lambda: guidance(state, tau, z, drift, None))()
     alone = jax.jit(jax.vmap(lambda i, own: agent_input(guidance, state, i, tau, z, own, None)))(
         jnp.arange(AGENTS), drift
     )
@@ -67,7 +67,7 @@ def test_an_agent_alone_finds_its_part_of_the_teams_inputs(g, key):
 
 
 def test_an_agent_is_told_the_others_states_and_no_more():
-    heard = told(jnp.zeros((8, 24), jnp.float32))
+    heard = communication_cost(jnp.zeros((8, 24), jnp.float32))
     assert heard.per_step == 7 * 24 * 4
 
 

@@ -142,7 +142,7 @@ def inputs(factors, case, sharing):
     def at(case):
         guide, z = guidance(factors, sharing), jnp.zeros((AGENTS, DIM))
         state = guide.init(z, case)
-        return guide(state, jnp.asarray(TIME), z, case.drift, case)
+        return guide(state, jnp.asarray(TIME), z, case.drift, case)[1:]
 
     with jax.enable_x64(True):
         u, report = jax.tree.map(np.asarray, at(jax.tree.map(jnp.asarray, case)))

@@ -27,7 +27,7 @@ def test_rows_hold_for_any_control_map_and_metric(key):
     z, drift = jax.random.normal(key, (2, AGENTS, DIM))
     tau = jnp.asarray(0.6)
     state = guidance.init(z, None)
-    correction, report = jax.jit(lambda z: guidance(state, tau, z, drift, None))(z)
+    _, correction, report = jax.jit(lambda z: guidance(state, tau, z, drift, None))(z)
     g = control(tau, z, None)
     rows = jax.jit(lambda z: guidance.rows(state, tau, z, drift, None))(z)
     u = jnp.stack([jnp.linalg.lstsq(g[i], correction[i])[0] for i in range(AGENTS)])
@@ -47,7 +47,7 @@ def test_two_requirements_stand_in_one_generation(key):
     z, drift = jax.random.normal(key, (2, AGENTS, DIM))
     state = guidance.init(z, None)
     tau = jnp.asarray(0.6)
-    u, report = jax.jit(lambda z: guidance(state, tau, z, drift, None))(z)
+    _, u, report = jax.jit(lambda z: guidance(state, tau, z, drift, None))(z)
     assert report.value.shape == (2,)
     rows = jax.jit(lambda z: guidance.rows(state, tau, z, drift, None))(z)
     assert rows.b.shape == (2, AGENTS)
@@ -62,8 +62,8 @@ def test_an_agents_input_does_not_use_anothers(key):
     z, drift = jax.random.normal(key, (2, AGENTS, DIM))
     state = guidance.init(z, None)
     other = drift.at[1:].add(7.0)  # changes what the other agents do
-    u, _ = guidance(state, jnp.asarray(0.5), z, drift, None)
-    v, _ = guidance(state, jnp.asarray(0.5), z, other, None)
+    _, u, _ = guidance(state, jnp.asarray(0.5), z, drift, None)
+    _, v, _ = guidance(state, jnp.asarray(0.5), z, other, None)
     np.testing.assert_array_equal(u[0], v[0])
 
 
@@ -83,7 +83,7 @@ def limited(box, norm, count=30):
         guide = DecoupledGuidance((one,), plane, jnp.asarray(METRICS), box=box, norm=norm)
         state, tau = guide.init(z, None), jnp.asarray(0.5)
         rows = guide.rows(state, tau, z, drift, None)
-        correction, report = guide(state, tau, z, drift, None)
+        _, correction, report = guide(state, tau, z, drift, None)
         return rows.ell[0], rows.b[0], correction[:, :2], report.infeasible, report.effort
 
     with jax.enable_x64(True):

@@ -143,7 +143,7 @@ def moments(count=40):
         guide, tau = guidance(), jnp.asarray(TIME)
         state = guide.init(z0, condition)
         rows, still = (guide.rows(state, tau, z, f, condition) for f in (drift, 0 * drift))
-        correction, report = guide(state, tau, z, drift, condition)
+        _, correction, report = guide(state, tau, z, drift, condition)
         return rows.ell, rows.b, still.b, correction, report.infeasible
 
     with jax.enable_x64(True):

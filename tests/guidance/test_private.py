@@ -57,7 +57,7 @@ def test_rows_together_imply_the_decay_of_v(name, reanchored, key):
     z = z0 + 0.3 * jax.random.normal(jax.random.key(5), z0.shape)
     tau, condition = jnp.asarray(0.4), jnp.eye(2)
     drift = crowd(tau, z, condition)
-    correction, report = guidance(guidance.init(z0, condition), tau, z, drift, condition)
+    _, correction, report = guidance(guidance.init(z0, condition), tau, z, drift, condition)
     assert not jnp.any(report.infeasible)
 
     def total(z):
@@ -78,7 +78,7 @@ def test_per_owner_demands_add_up_to_that_of_v(name, key):
     guidance = DecoupledGuidance((one,))
     z, tau, condition = jax.random.normal(key, (AGENTS, 2)), jnp.asarray(0.4), jnp.eye(2)
     drift = crowd(tau, z, condition)
-    correction, report = guidance(guidance.init(z, condition), tau, z, drift, condition)
+    _, correction, report = guidance(guidance.init(z, condition), tau, z, drift, condition)
     assert not jnp.any(report.infeasible)
     total, decay = jax.jvp(lambda z: jnp.sum(violation(z, condition)), (z,), (drift + correction,))
     omega, remaining = 0.1 + 1.8 * tau, (1 - tau) * 0.1 + 0.9 * (1 - tau**2)

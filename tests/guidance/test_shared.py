@@ -71,7 +71,7 @@ def moments(name, count=60):
         guide = guidance(sharing(), mapped)
         state = guide.init(z0, condition)
         rows = guide.rows(state, tau, z, drift, condition)
-        return rows.ell, rows.b, *guide(state, tau, z, drift, condition)
+        return rows.ell, rows.b, *guide(state, tau, z, drift, condition)[1:]
 
     def evaluated(drift):
         inputs = jax.tree.map(jnp.asarray, (start, z, times, drift, case))
@@ -155,7 +155,7 @@ def test_incidence_alone_decides_who_acts():
         guide, tau = DecoupledGuidance((requirements,)), jnp.asarray(0.5)
         state = guide.init(z, None)
         rows = guide.rows(state, tau, z, drift, None)
-        return rows.ell, rows.b, guide(state, tau, z, drift, None)[0]
+        return rows.ell, rows.b, guide(state, tau, z, drift, None)[1]
 
     ell, b, u = at(jnp.ones((2, 2)), jnp.array([[1.0, 1.0], [0.0, 0.0]]))
     assert np.all(ell[:, 1] == 0)
@@ -184,7 +184,7 @@ def test_one_requirement_stated_twice_asks_for_the_same_input():
         guide, tau = DecoupledGuidance((twice,)), jnp.asarray(0.4)
         state, drift = guide.init(z, condition), 3.0 * jnp.sin(5.0 * z)
         rows = guide.rows(state, tau, z, drift, condition)
-        return rows.ell[0], rows.b[0], *guide(state, tau, z, drift, condition)
+        return rows.ell[0], rows.b[0], *guide(state, tau, z, drift, condition)[1:]
 
     ell, b, u, report = at(*jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), (start, case)))
     assert not report.infeasible.any()

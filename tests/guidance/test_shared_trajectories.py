@@ -201,7 +201,7 @@ def test_a_recovering_alpha_makes_good_what_lands_above_the_bound():
         state = guide.init(jnp.zeros((2, 2)), None)  # the bound of another, better start
 
         def step(z, tau):
-            correction, report = guide(state, tau, z, upward(tau, z, None), None)
+            _, correction, report = guide(state, tau, z, upward(tau, z, None), None)
             return z + (upward(tau, z, None) + correction) / 400, report.value - report.bound
 
         _, excess = jax.lax.scan(step, jnp.ones((2, 2)), jnp.arange(400) / 400)

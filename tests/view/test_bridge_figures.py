@@ -46,7 +46,7 @@ def test_bars_are_as_high_as_the_shares_and_their_whiskers_as_long_as_the_interv
     drawn, whiskers = axes.containers[::2], axes.containers[1::2]
     for each, container, whisker in zip(bars, drawn, whiskers, strict=True):
         heights = [patch.get_height() for patch in container]
-        np.testing.assert_allclose(heights, [100 * rate.share for rate in each.rates])
+        np.testing.assert_allclose(heights, [100 * rate.proportion for rate in each.rates])
         assert {bool(patch.get_hatch()) for patch in container} == {each.quoted}
         ends = np.array([segment[:, 1] for segment in whisker.lines[2][0].get_segments()])
         expected = [[100 * end for end in rate.interval()] for rate in each.rates]

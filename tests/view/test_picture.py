@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import deggflow
-from deggflow.view.picture import panels, render, save_png, side_by_side
+from deggflow.view.picture import map_blocks, panels, render, save_png
 from deggflow.view.stage import gl_problem
 
 needs_gl = pytest.mark.skipif(gl_problem() is not None, reason="no OpenGL here")
@@ -105,8 +105,8 @@ def test_importing_the_room_imports_neither_mujoco_nor_matplotlib():
 def test_side_by_side_holds_both_pictures_titles_and_captions():
     left, right = np.full((240, 320, 3), 40, np.uint8), np.full((240, 320, 3), 200, np.uint8)
     long = "affordance region 1 of drawer_organizer reaches 0.0537 m over the edge (and 7 more)"
-    plain = side_by_side(left, right)
-    told = side_by_side(left, right, captions=(long, "every requirement holds"))
+    plain = map_blocks(left, right)
+    told = map_blocks(left, right, captions=(long, "every requirement holds"))
     assert np.sum(np.all(plain == 40, axis=-1)) > 0.9 * 240 * 320
     assert np.sum(np.all(plain == 200, axis=-1)) > 0.9 * 240 * 320
     assert told.shape[0] > plain.shape[0]

@@ -13,13 +13,13 @@ from .runs import (
     MAX_COUNT,
     MAX_SEED,
     check_output,
-    deliver,
     digest_of_weights,
     in_range,
     printable,
     shown_training,
     training_config,
     wanted,
+    write_results,
 )
 from .session import NOT_SATISFIED, SATISFIED, console, output, prepare_jax, progress
 
@@ -36,7 +36,7 @@ def data(out: Path, training: int = 3_000, validation: int = 200, seed: int = 0)
     """Make training and validation demonstrations with 4, 5 and 6 robots.
 
     Args:
-        out: Folder that receives training.jsonl and validation.jsonl. A killed call is completed by the same call.
+        out: Folder that receives training.jsonl and validation.jsonl. Rerun the command to resume an interrupted run.
         training: Training demonstrations of each size.
         validation: Validation demonstrations of each size.
         seed: Seed of the demonstrations.
@@ -65,7 +65,7 @@ def train(
     learning_rate: float = 1e-3,
     seed: int = 0,
 ) -> int:
-    """Train a nominal field; the same call goes on where a killed one stopped, and one with more steps extends a finished one.
+    """Train a nominal field. Rerun the command to resume an interrupted run; more steps extend a finished one.
 
     Args:
         data: Folder with training.jsonl and validation.jsonl.
@@ -130,7 +130,7 @@ def generate(
         size: Instead of a file: number of robots of randomly drawn trials, 2 to 8.
         count: How many trials to draw with --size (default 1).
         seed: Seed of drawn conditions and of z(0).
-        out: File that receives the trials, line by line; the same call completes it after a kill. Default: stdout.
+        out: File that receives the trials, line by line; rerun the command to resume. Default: stdout.
         guidance: degg: guided; none: the nominal field alone, every policy as it is drawn.
         max_draws: How often a policy is drawn anew until it is below its bounds; then the team stops.
         speed_limit: Largest speed of every robot's contact point, m/s: a private requirement of each robot.
@@ -141,7 +141,7 @@ def generate(
     _speed(speed_limit)
     if speed_limit is not None and guidance == "none":
         raise InputError(
-            "--speed-limit goes with --guidance degg; the nominal field knows no limit"
+            "--speed-limit goes with --guidance degg; the nominal field cannot enforce a limit"
         )
     prepare_jax()
     from deggflow.tasks.bridge.formats import read_conditions
@@ -188,7 +188,7 @@ def generate(
         uncertified = guidance == "degg" and not row["certificate"]["satisfied"]
         return uncertified or not row["outcome"]["success"]
 
-    failed = deliver(out, settings, asked, "trials", fails, chunks)
+    failed = write_results(out, settings, asked, "trials", fails, chunks)
     where = "" if out is None else f" They are in {out}."
     noun = "trial bridges" if asked.count == 1 else "trials bridge"
     console().print(f"{asked.count - failed} of {asked.count} {noun} the gap.{where}")
@@ -216,7 +216,7 @@ def evaluate(
         modes: Instead: so many trials from one symmetric start, and on which side planks pass.
         figure: With --modes: file that receives the planks' ways as a figure (.png, .pdf or .svg).
         hard: Instead: one guided policy from each of so many hard states of each size, next to a wall or the gap.
-        out: JSON Lines file that receives the rows; the same call completes it after a kill.
+        out: JSON Lines file that receives the rows; rerun the command to resume.
         weights: Another weights file (.safetensors, card beside it).
     """
     from deggflow.tasks.bridge.world import MAX_ROBOTS, MIN_ROBOTS
@@ -255,9 +255,9 @@ def certify(
     conditions: Path | None = None,
     quiet: bool = False,
 ) -> int:
-    """Check the trials of a file anew, whoever made them: replayed by an independent integrator and Shapely, and against themselves.
+    """Check the trials of a file anew, regardless of origin: replayed by an independent integrator and Shapely, and against themselves.
 
-    Exit code 0: every trial bridges the gap; 3: some do not, or something a line says is not true; 2: bad input.
+    Exit code 0: every trial bridges the gap; 3: some do not, or something a line says is wrong; 2: bad input.
 
     Args:
         trials: File of trials, as `generate` writes it.
@@ -327,11 +327,11 @@ def render(
     chosen = lines or tuple(range(1, min(len(found), 12) + 1))
     for line in chosen:
         in_range("lines", line, 1, len(found))
-    from .bridge_pictures import Wishes, draw
+    from .bridge_pictures import RenderOptions, draw
 
     field = _load_field(weights) if nominal or curves else None
     generators: dict[float | None, BridgeGenerator] = {}
-    wishes = Wishes(nominal, process, video, curves, renderer)
+    wishes = RenderOptions(nominal, process, video, curves, renderer)
     for line in chosen:
         trial, generator = found[line - 1], None
         if field is not None:

@@ -33,7 +33,7 @@ SAME_PLACE = 0.02  # m or rad; other seeds lead elsewhere
 Image = UInt8[np.ndarray, "rows columns 3"]
 
 
-class Wishes(NamedTuple):
+class RenderOptions(NamedTuple):
     """What is to be drawn of each trial."""
 
     nominal: bool
@@ -63,7 +63,7 @@ def regenerate(generator: BridgeGenerator, trial: Trial, line: int) -> list[Brid
 
 
 def draw(
-    trial: Trial, line: int, out: Path, wishes: Wishes, generator: BridgeGenerator | None
+    trial: Trial, line: int, out: Path, wishes: RenderOptions, generator: BridgeGenerator | None
 ) -> list[Path]:
     """Writes `trial_<line>.png` into a folder and, beside it, what else is wished; returns the paths.
 

@@ -6,7 +6,7 @@ from tyro.extras import SubcommandApp
 
 from deggflow.jsonl import InputError
 
-from . import bridge, demo, rivals, tabletop
+from . import baselines, bridge, demo, tabletop
 from .reproduce.command import reproduce
 from .session import BAD_INPUT, UNFORESEEN
 from .start import INTERRUPTED, MESSAGE
@@ -17,7 +17,7 @@ _TABLETOP.command(tabletop.train)
 _TABLETOP.command(tabletop.generate)
 _TABLETOP.command(tabletop.certify)
 _TABLETOP.command(tabletop.evaluate)
-_TABLETOP.command(rivals.rivals)
+_TABLETOP.command(baselines.baselines)
 _TABLETOP.command(tabletop.render)
 
 _BRIDGE = SubcommandApp()

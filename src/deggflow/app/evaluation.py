@@ -48,8 +48,8 @@ def run_evaluation(
     for heading in (
         "N",
         "requirements",
-        "natural nominal",
-        "private nominal",
+        "nominal default",
+        "nominal changed",
         "guided, first draw",
         f"guided, <= {max_draws} draws",
         "most draws",
@@ -57,7 +57,7 @@ def run_evaluation(
     ):
         table.add_column(heading, no_wrap=True)
     for row in rows:
-        rates = [row.natural, row.private, row.first_draw, row.satisfied]
+        rates = [row.nominal_default, row.nominal_changed, row.first_draw, row.satisfied]
         table.add_row(
             str(row.size),
             row.requirements,
@@ -67,7 +67,7 @@ def run_evaluation(
         )
     output().print(table)
     output().print(
-        "natural: the nominal scene under the default requirements; private: the same scene under the changed ones; "
+        "nominal default: the nominal scene under the default requirements; nominal changed: the same scene under the changed ones; "
         "guided: from the same z(0); refuted: claims of success that the Shapely oracle found false."
     )
     output().print(_on_the_way(rows))

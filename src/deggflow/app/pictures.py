@@ -10,16 +10,19 @@ from deggflow.files import write_atomically
 from deggflow.jsonl import InputError
 from deggflow.tasks.tabletop.condition import SceneCondition
 from deggflow.tasks.tabletop.generator import TabletopGenerator, initial_noise
-from deggflow.tasks.tabletop.hall import halls_like, is_hall
+from deggflow.tasks.tabletop.large import is_large, large_scenes_like
 from deggflow.tasks.tabletop.scene import Scene
 from deggflow.tasks.tabletop.verdict import Poses, judge
 from deggflow.view.mjcf import scene_mjcf
-from deggflow.view.picture import render, save_png, side_by_side
+from deggflow.view.picture import map_blocks, render, save_png
 from deggflow.view.video import write_video
 
 Renderer = Literal["auto", "mujoco", "matplotlib"]
 
-HALL_PIXELS, MOST_PIXELS = 160, 4000  # of a hall: to a metre, and along its longer side at most
+LARGE_PIXELS, MOST_PIXELS = (
+    160,
+    4000,
+)  # of a large scene: to a metre, and along its longer side at most
 SAME_PLACE = 0.1  # m or rad; scenes of different z(0) lie several times as far apart
 
 
@@ -54,8 +57,8 @@ def regenerate(generator: TabletopGenerator, scene: Scene, line: int) -> Generat
 
 def _path(generator: TabletopGenerator, scene: Scene, number: int, drawn: int) -> list[Poses]:
     """Poses at every grid point of one draw of a scene by its number in the run."""
-    if is_hall(scene.condition):
-        return halls_like(generator).path(scene.condition, scene.seed, number, drawn)
+    if is_large(scene.condition):
+        return large_scenes_like(generator).path(scene.condition, scene.seed, number, drawn)
     z0 = initial_noise(scene.seed, np.array([number]), drawn)[0]
     return generator.path(z0, scene.condition)
 
@@ -69,10 +72,10 @@ class View(NamedTuple):
 
 
 def view_of(condition: SceneCondition, renderer: Renderer) -> View:
-    """A hall is drawn from above unless MuJoCo is asked for, with as many pixels as its size needs."""
-    if not is_hall(condition):
+    """A large scene is drawn from above unless MuJoCo is asked for, with as many pixels as its size needs."""
+    if not is_large(condition):
         return View(renderer, 960, 720)
-    per_metre = min(HALL_PIXELS, MOST_PIXELS / max(condition.width, condition.depth))
+    per_metre = min(LARGE_PIXELS, MOST_PIXELS / max(condition.width, condition.depth))
     size = (
         2 * round(per_metre * (length + 1.0) / 2) for length in (condition.width, condition.depth)
     )
@@ -98,7 +101,7 @@ def draw(
         before = generations.nominal[-1]
         left = picture(before)
         captions = (_caption(scene, before), _caption(scene, scene.poses))
-        image = side_by_side(left, image, captions=captions)
+        image = map_blocks(left, image, captions=captions)
     save_png(target, image)
     if video and generations is not None:
         out.append(target.with_suffix(".mp4"))

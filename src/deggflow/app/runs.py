@@ -76,7 +76,7 @@ def check_output(out: Path | None, settings: Mapping[str, Any]) -> None:
 
 
 @dataclass(frozen=True)
-class Wanted(Generic[C]):
+class ConditionSource(Generic[C]):
     """Conditions of a run by number, from a file or drawn."""
 
     count: int
@@ -151,7 +151,7 @@ def wanted(
     sizes: tuple[int, int],
     read: Callable[[Path], list[C]],
     draw: Callable[[int, int, int], list[C]],
-) -> Wanted[C]:
+) -> ConditionSource[C]:
     """What --conditions, or --size and --count, ask for.
 
     Args:
@@ -176,7 +176,7 @@ def wanted(
         # Of what was read, not of the file: a pipe can be read only once.
         content = json.dumps([condition.to_json() for condition in given]).encode()
         part = given.__getitem__
-        return Wanted(
+        return ConditionSource(
             len(given),
             0,
             lambda first, many: part(slice(first, first + many)),
@@ -185,13 +185,13 @@ def wanted(
     drawn, many = size or 0, 1 if count is None else count
     in_range("size", drawn, *sizes)
     in_range("count", many, 1, MAX_COUNT)
-    return Wanted(many, drawn, lambda first, some: draw(drawn, first, some))
+    return ConditionSource(many, drawn, lambda first, some: draw(drawn, first, some))
 
 
-def deliver(
+def write_results(
     out: Path | None,
     settings: Mapping[str, Any],
-    asked: Wanted[Any],
+    asked: ConditionSource[Any],
     label: str,
     fails: Callable[[Mapping[str, Any]], bool],
     chunks: "Callable[[int, Progress], Iterator[list[R]]]",

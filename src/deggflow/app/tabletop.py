@@ -13,13 +13,13 @@ from .runs import (
     MAX_COUNT,
     MAX_SEED,
     check_output,
-    deliver,
     digest_of_weights,
     in_range,
     printable,
     shown_training,
     training_config,
     wanted,
+    write_results,
 )
 from .session import NOT_SATISFIED, SATISFIED, console, output, prepare_jax, progress
 
@@ -45,7 +45,7 @@ def data(
     """Make training and validation scenes of 4, 5 and 6 objects.
 
     Args:
-        out: Folder that receives training.jsonl and validation.jsonl. A killed call is completed by the same call.
+        out: Folder that receives training.jsonl and validation.jsonl. Rerun the command to resume an interrupted run.
         training: Training scenes of each size.
         validation: Validation scenes of each size.
         clearance: Free space aimed at around objects and regions, m.
@@ -78,7 +78,7 @@ def train(
     head_width: int = 256,
     seed: int = 0,
 ) -> int:
-    """Train a nominal field; the same call goes on where a killed one stopped, and one with more steps extends a finished one.
+    """Train a nominal field. Rerun the command to resume an interrupted run; more steps extend a finished one.
 
     Args:
         data: Folder with training.jsonl and validation.jsonl.
@@ -134,11 +134,11 @@ def generate(
     Args:
         conditions: File of conditions, one JSON object a line.
         size: Instead of a file: number of objects of randomly drawn scenes: 1 to 12 different ones on the paper's
-            table; more are a hall: types repeat, and the table grows in proportion.
+            table; more are a large scene: types repeat, and the table grows in proportion.
         count: How many scenes to draw with --size (default 1).
         requirements: How the requirements of drawn scenes are changed.
         seed: Seed of drawn conditions and of z(0).
-        out: File that receives the scenes, line by line; the same call completes it after a kill. Default: stdout.
+        out: File that receives the scenes, line by line; rerun the command to resume. Default: stdout.
         guidance: degg: guided; none: the nominal field alone, one draw.
         max_draws: How often a scene is drawn anew until it satisfies its requirements.
         trace: Certificates also hold every requirement's value, bound and limit at every point of the generation.
@@ -151,14 +151,14 @@ def generate(
     prepare_jax()
     from deggflow.tasks.tabletop.changes import random_conditions
     from deggflow.tasks.tabletop.formats import read_conditions
-    from deggflow.tasks.tabletop.hall import is_hall, make_scenes
-    from deggflow.tasks.tabletop.library import MAX_HALL
+    from deggflow.tasks.tabletop.large import is_large, make_scenes
+    from deggflow.tasks.tabletop.library import MAX_LARGE
 
     asked = wanted(
         conditions,
         size,
         count,
-        sizes=(1, MAX_HALL),
+        sizes=(1, MAX_LARGE),
         read=read_conditions,
         draw=lambda size, first, many: random_conditions(size, many, requirements, seed, first),
     )
@@ -183,13 +183,13 @@ def generate(
             generator, conditions, seed=seed, first=first, max_draws=limit, keep_trace=trace
         )
 
-    # Halls gain nothing from being many, and each uses the whole machine.
-    halls = is_hall(asked.part(0, 1)[0])
+    # Large scenes gain nothing from being many, and each uses the whole machine.
+    large_scenes = is_large(asked.part(0, 1)[0])
 
     def chunks(first: int, _: "Progress") -> "Iterator[list[Scene]]":
-        return asked.chunks(make, first, 1 if halls else None, ahead=not halls)
+        return asked.chunks(make, first, 1 if large_scenes else None, ahead=not large_scenes)
 
-    failed = deliver(
+    failed = write_results(
         out, settings, asked, "scenes", lambda row: not row["certificate"]["satisfied"], chunks
     )
     return _summary(asked.count, failed, guidance, out)
@@ -222,7 +222,7 @@ def evaluate(
         seed: Seed of cases and of z(0).
         max_draws: Limit of redraws of the last column.
         compare: Compare the allocations own, pooled and local, re-anchored or not, on first draws instead.
-        out: JSON Lines file that receives the rows; the same call completes it after a kill.
+        out: JSON Lines file that receives the rows; rerun the command to resume.
         failures: JSON Lines file to which every guided draw that its verdict refused is added, with the reason.
         weights: Another weights file (.safetensors, card beside it).
     """
@@ -258,7 +258,7 @@ def certify(
     conditions: Path | None = None,
     quiet: bool = False,
 ) -> int:
-    """Check the scenes of a file anew, whoever made them: by exact geometry, by Shapely, and against themselves.
+    """Check the scenes of a file anew, regardless of origin: by exact geometry, by Shapely, and against themselves.
 
     Exit code 0: every scene satisfies its requirements; 3: some do not, or a line says what is not so; 2: bad input.
 
@@ -291,7 +291,7 @@ def certify(
         if not quiet:
             said = "holds" if good else f"does NOT hold: {verdict.reason(scene.condition.objects)}"
             said += f" (least margin {verdict.min_margin:.3g} m)"
-            print(f"line {number}: now it {said}{'; the line is not true' if untrue else ''}")
+            print(f"line {number}: now it {said}{'; the line is wrong' if untrue else ''}")
             tell(number, untrue)
             print(f"the certificate says: {printable(scene.certificate.table())}\n")
     conclude(asked, UNVERIFIED, quiet=quiet)

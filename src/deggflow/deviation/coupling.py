@@ -48,9 +48,9 @@ class _Correcting(AbstractGuidance):
         drift: Float[Array, "agents dim"],
         condition: Any,
         moving: Bool[Array, " agents"] | None = None,
-    ) -> tuple[Float[Array, "agents dim"], GuidanceReport]:
-        correction, report = self.inner(state, tau, z, drift, condition, moving)
-        return correction, report._replace(effort=jnp.linalg.norm(correction, axis=-1))
+    ) -> tuple[Any, Float[Array, "agents dim"], GuidanceReport]:
+        state, correction, report = self.inner(state, tau, z, drift, condition, moving)
+        return state, correction, report._replace(effort=jnp.linalg.norm(correction, axis=-1))
 
     def on_forced_step(
         self,
@@ -98,7 +98,6 @@ def couple(
     )  # fmt: skip
     assert nominal.path is not None
     assert guided.path is not None
-    assert guided.trace is not None
     assert guided.trace is not None
     correction = jnp.linalg.norm(guided.trace.effort, axis=-1)
     return Coupled(grid, nominal.path, guided.path, correction)

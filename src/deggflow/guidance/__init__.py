@@ -1,6 +1,6 @@
 """Decoupled guidance: every agent computes its own input, from states alone."""
 
-from .agent import AgentInput, Told, agent_input, told
+from .agent import AgentInput, CommunicationCost, agent_input, communication_cost
 from .allocation import AbstractAllocation, Local, Own, Pooled
 from .bound import AbstractBound, TighteningBound
 from .decoupled import (
@@ -35,6 +35,7 @@ __all__ = [
     "AbstractSharing",
     "AdaptiveShares",
     "AgentInput",
+    "CommunicationCost",
     "DecoupledGuidance",
     "Demand",
     "EqualShares",
@@ -55,12 +56,11 @@ __all__ = [
     "SharedFactor",
     "SharedRequirements",
     "TighteningBound",
-    "Told",
     "agent_input",
+    "communication_cost",
     "distances",
     "hinge_violation",
     "min_norm_input",
     "report_without_rows",
     "safe_norm",
-    "told",
 ]

@@ -20,7 +20,7 @@ class AgentInput(NamedTuple):
     feasible: Bool[Array, ""]
 
 
-class Told(NamedTuple):
+class CommunicationCost(NamedTuple):
     """What an agent must be told, in bytes."""
 
     states: int  # z_j of every other agent, each step
@@ -64,7 +64,7 @@ def agent_input(
     return AgentInput(u, guidance.control(tau, z, condition)[agent] @ u, feasible)
 
 
-def told(z: Float[Array, "agents dim"] | jax.ShapeDtypeStruct) -> Told:
+def communication_cost(z: Float[Array, "agents dim"] | jax.ShapeDtypeStruct) -> CommunicationCost:
     """Bytes that one agent of a team hears, where requirements depend on everybody's state."""
     others = (z.shape[0] - 1) * z.shape[1] * z.dtype.itemsize
-    return Told(others, others)
+    return CommunicationCost(others, others)

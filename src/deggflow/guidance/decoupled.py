@@ -60,7 +60,7 @@ TIGHT = 1e-4  # of |ell| |u| + |b|: rows met as closely are active
 
 
 class AbstractGuidance(eqx.Module):
-    """Guidance has the shape of a kernel: a state from z(0), then one call per step."""
+    """Guidance has the shape of a kernel: a state from z(0), then one call per point, which may change the state."""
 
     @property
     @abc.abstractmethod
@@ -85,8 +85,10 @@ class AbstractGuidance(eqx.Module):
         drift: Float[Array, "agents dim"],
         condition: Any,
         moving: Bool[Array, " agents"] | None = None,
-    ) -> tuple[Float[Array, "agents dim"], GuidanceReport]:
-        """The correction g_i u_i of every agent, added to the nominal field, and a report.
+    ) -> tuple[Any, Float[Array, "agents dim"], GuidanceReport]:
+        """The state after this point, the correction g_i u_i of every agent, added to the nominal field, and a report.
+
+        Schemes of several stages call it between points, too; of those calls the state is not kept.
 
         Agents for which `moving` is False have stopped or are absent: they get no input, the others take their shares.
         """
@@ -125,9 +127,9 @@ class NoGuidance(AbstractGuidance):
         drift: Float[Array, "agents dim"],
         condition: Any,
         moving: Bool[Array, " agents"] | None = None,
-    ) -> tuple[Float[Array, "agents dim"], GuidanceReport]:
+    ) -> tuple[None, Float[Array, "agents dim"], GuidanceReport]:
         none = jnp.zeros_like(z)
-        return none, report_without_rows(drift, none)
+        return None, none, report_without_rows(drift, none)
 
     def on_forced_step(
         self,
@@ -284,7 +286,7 @@ class DecoupledGuidance(AbstractGuidance):
         drift: Float[Array, "agents dim"],
         condition: Any,
         moving: Bool[Array, " agents"] | None = None,
-    ) -> tuple[Float[Array, "agents dim"], GuidanceReport]:
+    ) -> tuple[tuple[Any, ...], Float[Array, "agents dim"], GuidanceReport]:
         rows = self.rows(state, tau, z, drift, condition, moving)
         self._check_metric_fits(len(z), rows.ell.shape[-1])
         u, feasible = jax.vmap(self.solve, in_axes=(1, 1, self._metric_axis))(
@@ -304,8 +306,8 @@ class DecoupledGuidance(AbstractGuidance):
             input_nan=jnp.any(jnp.isnan(u), axis=-1),
         )  # fmt: skip
         if self.control is None:
-            return u, report
-        return jnp.einsum("adm,am->ad", self._control(tau, z, condition), u), report
+            return state, u, report
+        return state, jnp.einsum("adm,am->ad", self._control(tau, z, condition), u), report
 
     def _check_metric_fits(self, agents: int, inputs: int) -> None:
         if self.metric is None:

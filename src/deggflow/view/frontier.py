@@ -14,7 +14,7 @@ FLOOR = 0.1  # %, where a way without a failure is drawn
 
 
 class FrontierPoint(NamedTuple):
-    """One setting of a way's knob."""
+    """One setting of a way's hyperparameters."""
 
     rate: Rate  # of success
     transport: float  # W2 to the nominal samples
@@ -22,13 +22,13 @@ class FrontierPoint(NamedTuple):
 
 
 class FrontierSeries(NamedTuple):
-    """One way to guide; its points in the order of its knob."""
+    """One way to guide; its points in the order of its hyperparameters."""
 
     label: str
     colour: str
     marker: str
     points: Sequence[FrontierPoint]
-    joined: bool  # there is but one knob: a line makes sense
+    joined: bool  # there is but one hyperparameters: a line makes sense
 
 
 @look()
@@ -57,7 +57,7 @@ def frontier(panels: Sequence[tuple[str, Sequence[FrontierSeries]]], *, unit: st
 
 def _draw(axes: Axes, series: FrontierSeries) -> None:
     x = [point.transport for point in series.points]
-    y = [max(100 * (1 - point.rate.share), FLOOR) for point in series.points]
+    y = [max(100 * (1 - point.rate.proportion), FLOOR) for point in series.points]
     line = "-" if series.joined else "none"
     axes.plot(x, y, color=series.colour, linestyle=line, linewidth=0.9, alpha=0.7, zorder=2)
     for k, point in enumerate(series.points):

@@ -56,7 +56,7 @@ def render(
         return stage.picture(rows, judge([condition], [rows])[0])
 
 
-def side_by_side(
+def map_blocks(
     left: Picture,
     right: Picture,
     *,

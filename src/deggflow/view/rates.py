@@ -79,11 +79,11 @@ def _legend(figure: Figure, axes: Axes, series: Sequence[RateSeries]) -> None:
 def _draw(
     axes: Axes, series: RateSeries, places: np.ndarray, rates: Sequence[Rate], *, vertical: bool
 ) -> None:
-    share = np.array([100 * rate.share for rate in rates])
+    proportion = np.array([100 * rate.proportion for rate in rates])
     ends = 100 * np.array([rate.interval() for rate in rates]).reshape(-1, 2)
-    # Rounding may put an interval's end a hair within the share.
-    reach = np.maximum(np.stack([share - ends[:, 0], ends[:, 1] - share]), 0.0)
-    x, y = (places, share) if vertical else (share, places)
+    # Rounding may put an interval's end a hair within the proportion.
+    reach = np.maximum(np.stack([proportion - ends[:, 0], ends[:, 1] - proportion]), 0.0)
+    x, y = (places, proportion) if vertical else (proportion, places)
     connected = vertical and not series.hollow
     axes.errorbar(
         x,

@@ -33,7 +33,7 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def loaded(folder):
     """Encoded without disturbance: dataset and scales."""
-    return load_dataset(folder / TRAINING_FILE, None, shake=False)
+    return load_dataset(folder / TRAINING_FILE, None, perturb=False)
 
 
 def test_as_many_demonstrations_of_each_size_as_asked_for(folder):
@@ -112,7 +112,7 @@ def test_a_bad_line_is_refused_with_its_place(folder, tmp_path, field):
     path = tmp_path / TRAINING_FILE
     path.write_text("\n".join([lines[0], json.dumps(value), *lines[2:]]) + "\n")
     with pytest.raises(InputError) as caught:
-        load_dataset(path, None, shake=False)
+        load_dataset(path, None, perturb=False)
     assert (caught.value.file, caught.value.line) == (path, 2)
     assert caught.value.field.startswith(field.split("[")[0])
 
@@ -120,7 +120,7 @@ def test_a_bad_line_is_refused_with_its_place(folder, tmp_path, field):
 def test_no_demonstrations_are_refused(tmp_path):
     (tmp_path / TRAINING_FILE).write_text("")
     with pytest.raises(InputError, match="empty"):
-        load_dataset(tmp_path / TRAINING_FILE, None, shake=False)
+        load_dataset(tmp_path / TRAINING_FILE, None, perturb=False)
 
 
 def test_scales_are_positive_and_finite(loaded):
@@ -135,7 +135,7 @@ def test_given_scales_are_kept(folder, loaded):
     """Validation data are encoded with the scales of the training set."""
     dataset, scales = loaded
     given = scales._replace(eta=tuple(2 * v for v in scales.eta))
-    again, kept = load_dataset(folder / TRAINING_FILE, given, shake=False)
+    again, kept = load_dataset(folder / TRAINING_FILE, given, perturb=False)
     assert kept == given
     np.testing.assert_allclose(2 * again.z, dataset.z, rtol=1e-6)
 
@@ -223,25 +223,29 @@ def test_states_decode_to_the_experts_twists_within_the_splines_error(loaded):
 def test_disturbed_continuations_leave_the_target_as_it_is(folder, loaded):
     """Only what is told of the past changes; starts from rest stay at rest; the same in every call."""
     clean, scales = loaded
-    shaken, again = (load_dataset(folder / TRAINING_FILE, scales, shake=True)[0] for _ in range(2))
-    for a, b in zip(jax.tree.leaves(shaken), jax.tree.leaves(again), strict=True):
+    perturbed, again = (
+        load_dataset(folder / TRAINING_FILE, scales, perturb=True)[0] for _ in range(2)
+    )
+    for a, b in zip(jax.tree.leaves(perturbed), jax.tree.leaves(again), strict=True):
         assert jnp.array_equal(a, b)
-    np.testing.assert_array_equal(shaken.condition.twists, clean.condition.twists)
-    np.testing.assert_array_equal(shaken.condition.condition.plank, clean.condition.condition.plank)
-    before, after = (np.asarray(d.condition.condition.continuation) for d in (clean, shaken))
+    np.testing.assert_array_equal(perturbed.condition.twists, clean.condition.twists)
+    np.testing.assert_array_equal(
+        perturbed.condition.condition.plank, clean.condition.condition.plank
+    )
+    before, after = (np.asarray(d.condition.condition.continuation) for d in (clean, perturbed))
     first = np.all(before == 0, axis=(1, 2))
     np.testing.assert_array_equal(after[first], before[first])
     changed = np.any(after != before, axis=(1, 2))[~first]
     assert 0.2 < changed.mean() < 0.8
     decoded = jax.jit(jax.vmap(lambda z, c: decode_twists(z, c, scales)))
-    twists = np.asarray(decoded(shaken.z, shaken.condition.condition))
-    assert np.abs(twists - np.asarray(shaken.condition.twists)).max() < 0.4
+    twists = np.asarray(decoded(perturbed.z, perturbed.condition.condition))
+    assert np.abs(twists - np.asarray(perturbed.condition.twists)).max() < 0.4
 
 
 def test_shares_of_the_ways_to_approach_are_counts_of_the_file(folder):
     rates = approaches(folder / TRAINING_FILE)
     assert set(rates) == {"left, early", "left, late", "right, early", "right, late"}
-    assert sum(rate.hits for rate in rates.values()) == TRAINING * len(SIZES)
+    assert sum(rate.successes for rate in rates.values()) == TRAINING * len(SIZES)
     lines = (folder / TRAINING_FILE).read_text().splitlines()
     kept = [json.loads(line)["approach"] for line in lines]
     late_left = sum(one["side"] == "left" and one["turn"] == "late" for one in kept)

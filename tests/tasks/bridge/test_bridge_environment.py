@@ -16,7 +16,7 @@ from deggflow.jsonl import InputError
 from deggflow.tasks.bridge.condition import TrialCondition
 from deggflow.tasks.bridge.environment import BridgeParallelEnv, RewardWeights, parallel_env
 from deggflow.tasks.bridge.expert import follow, random_demonstration
-from deggflow.tasks.bridge.readings import task_value
+from deggflow.tasks.bridge.observations import task_value
 from deggflow.tasks.bridge.verdict import execute
 from deggflow.view.bridge import picture
 

@@ -1,16 +1,16 @@
-"""Rivals on the tabletop: their margins by the independent verdict, and what is counted."""
+"""Baselines on the tabletop: their margins by the independent verdict, and what is counted."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from deggflow.tasks.tabletop.baselines import BASELINES, METHODS, flat_margins
 from deggflow.tasks.tabletop.changes import random_conditions
 from deggflow.tasks.tabletop.codec import decode_exactly
-from deggflow.tasks.tabletop.condition import SIZES, take, to_arrays
+from deggflow.tasks.tabletop.condition import take, to_arrays
 from deggflow.tasks.tabletop.field import load_field
 from deggflow.tasks.tabletop.frontier import Point, best, draw_cases, measure
-from deggflow.tasks.tabletop.rivals import COLUMNS, METHODS, RIVALS, flat_margins
 from deggflow.tasks.tabletop.verdict import judge
 
 NAMES = {method.name: method for method in METHODS}
@@ -38,14 +38,6 @@ def test_the_least_margin_is_the_verdicts(size):
         assert least == pytest.approx(verdict.min_margin, abs=1e-5)
 
 
-def test_the_multipliers_of_every_size_have_room():
-    for size in SIZES:
-        conditions = random_conditions(size, 1, "default", 0)
-        arrays = take(jax.tree.map(jnp.asarray, to_arrays(conditions)), 0)
-        count = flat_margins(jnp.zeros((size, 3)), arrays).shape[0]
-        assert count <= size * COLUMNS
-
-
 def test_nothing_is_drawn_again_where_all_is_satisfied_and_nominal_deviates_by_nothing(
     field, cases
 ):
@@ -66,7 +58,7 @@ def test_the_shipped_guidance_satisfies_every_case(field, cases):
     assert point.seconds > 0
 
 
-def test_a_rival_is_measured_at_each_of_its_settings(field, cases):
+def test_a_baseline_is_measured_at_each_of_its_settings(field, cases):
     weak, strong = (
         measure(field, NAMES["penalty gradient"], {"gain": gain}, cases) for gain in (1e-3, 5.0)
     )
@@ -91,9 +83,9 @@ def test_the_best_setting_has_the_most_successes_then_the_least_transport():
     assert best([far, failing, near]) is near
 
 
-def test_every_rival_stands_in_tables_at_a_setting_of_its_grid():
+def test_every_baseline_stands_in_tables_at_a_setting_of_its_grid():
     for method in METHODS:
         assert method.default in method.grid
         assert method.chosen(8) == method.default
         assert method.chosen(12) in method.grid
-    assert len({method.name for method in RIVALS}) == len(RIVALS) == 7
+    assert len({method.name for method in BASELINES}) == len(BASELINES) == 7

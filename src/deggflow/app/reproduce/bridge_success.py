@@ -53,7 +53,7 @@ class BridgeSuccess:
         trials, seed = result["trials"], result["seed"]
         sizes = " ".join(str(row.size) for row in rows)
         nominal, guided = _overall(rows)
-        paper = [rate.share for rate in _paper_overall(rows)]
+        paper = [rate.proportion for rate in _paper_overall(rows)]
         return Section(
             title="Task 1: success of bridge building",
             paper="tab:task1_results. 50 trials for each N = 4 to 8: nominal 46, 45, 43, 42, 42, guided 50 each. Training data "
@@ -65,8 +65,8 @@ class BridgeSuccess:
             summary=(
                 Finding(
                     f"Task 1, N = {', '.join(str(row.size) for row in rows)}: nominal / guided",
-                    " / ".join(f"{100 * share:.1f}%" for share in paper),
-                    f"{100 * nominal.share:.1f}% / {100 * guided.share:.1f}%",
+                    " / ".join(f"{100 * proportion:.1f}%" for proportion in paper),
+                    f"{100 * nominal.proportion:.1f}% / {100 * guided.proportion:.1f}%",
                 ),
             ),
         )
@@ -110,8 +110,8 @@ def _text(rows: Sequence[Evaluation], max_draws: int) -> list[str]:
     nominal, guided = _overall(rows)
     refuted = [text for row in rows for text in row.refuted]
     texts = [
-        f"From the same initial conditions and z(0), nominal policies bridge the gap in {nominal.hits} of "
-        f"{nominal.cases} trials, {nominal}, guided ones in {guided.hits}, {guided} (95% Wilson intervals). "
+        f"From the same initial conditions and z(0), nominal policies bridge the gap in {nominal.successes} of "
+        f"{nominal.cases} trials, {nominal}, guided ones in {guided.successes}, {guided} (95% Wilson intervals). "
         "Success and failure are decided by exact geometry, without the factors' buffers.",
         f"Every outcome, nominal or guided, was replayed by an independent integrator and judged by Shapely: "
         f"{len(refuted)} of {2 * nominal.cases} were refuted. A guided policy that misses a bound is drawn again, "
@@ -122,7 +122,7 @@ def _text(rows: Sequence[Evaluation], max_draws: int) -> list[str]:
 
 
 def _of_paper(rate: Rate) -> str:
-    return f"{rate.hits}/{rate.cases} ({100 * rate.share:.3g}%)"
+    return f"{rate.successes}/{rate.cases} ({100 * rate.proportion:.3g}%)"
 
 
 def _success(rows: Sequence[Evaluation]) -> DataTable:
@@ -143,9 +143,9 @@ def _success(rows: Sequence[Evaluation]) -> DataTable:
         )
     nominal, guided = _overall(rows)
     refuted = sum(len(row.refuted) for row in rows)
-    shares = nominal.hits, str(nominal), guided.hits, str(guided)
+    proportions = nominal.successes, str(nominal), guided.successes, str(guided)
     of_paper = (_of_paper(rate) for rate in _paper_overall(rows))
-    found.append(("overall", nominal.cases, *shares, refuted, *of_paper))
+    found.append(("overall", nominal.cases, *proportions, refuted, *of_paper))
     return DataTable(
         "bridge_success",
         "Trials that bridge the gap, with 95% Wilson intervals, beside the paper's (tab:task1_results).",

@@ -26,7 +26,7 @@ def reproduce(
 ) -> int:
     """Measure every table and figure of the paper and put them into one report beside the paper's.
 
-    Results are kept as they come; the same call goes on where a stopped one ended. Exit code 0: everything asked for
+    Results are kept as they come; rerun the command to resume. Exit code 0: everything asked for
     was measured; 3: it was, and a guided result that should be satisfied is not (the report says which); 2: bad input.
 
     Args:

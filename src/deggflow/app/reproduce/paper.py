@@ -20,8 +20,8 @@ class BridgeSuccess(NamedTuple):
 class SceneSuccess(NamedTuple):
     """A row of tab:task2_success or tab:task2_families."""
 
-    natural: Rate
-    private: Rate
+    nominal_default: Rate
+    nominal_changed: Rate
     guided: Rate
 
 
@@ -39,8 +39,10 @@ def _bridge(nominal: int, guided: int) -> BridgeSuccess:
     return BridgeSuccess(Rate(nominal, CASES), Rate(guided, CASES))
 
 
-def _scenes(natural: int, private: int, guided: int) -> SceneSuccess:
-    return SceneSuccess(Rate(natural, CASES), Rate(private, CASES), Rate(guided, CASES))
+def _scenes(nominal_default: int, nominal_changed: int, guided: int) -> SceneSuccess:
+    return SceneSuccess(
+        Rate(nominal_default, CASES), Rate(nominal_changed, CASES), Rate(guided, CASES)
+    )
 
 
 # tab:task1_results, by N
@@ -84,4 +86,4 @@ TRAINING_SEEDS = 3  # of fig:task1_learning and fig:task2_learning
 
 def overall(rates: list[Rate]) -> Rate:
     """All cases of several rows together."""
-    return Rate(sum(rate.hits for rate in rates), sum(rate.cases for rate in rates))
+    return Rate(sum(rate.successes for rate in rates), sum(rate.cases for rate in rates))

@@ -3,7 +3,7 @@
 from importlib.resources import files
 from pathlib import Path
 
-from . import bridge, deviation, examples, rivals, tabletop
+from . import baselines, bridge, deviation, examples, tabletop
 from .curves import Sources, TrainingCurves
 from .run import Entry
 
@@ -27,5 +27,5 @@ def entries(sources: Sources) -> tuple[Entry, ...]:
         *(Entry(each, on_table) for each in examples.EXPERIMENTS),
         Entry(TrainingCurves(sources), curves),
         *(Entry(each, on_table) for each in deviation.EXPERIMENTS),
-        *(Entry(each, on_table) for each in rivals.EXPERIMENTS),
+        *(Entry(each, on_table) for each in baselines.EXPERIMENTS),
     )

@@ -22,7 +22,7 @@ from .experiment import (
     Settings,
 )
 from .paper import CASES, TASK2_FAMILIES, TASK2_SUCCESS, SceneSuccess, overall
-from .words import listed, share
+from .words import listed
 
 SIZES = tuple(TASK2_SUCCESS)
 LARGE = 12  # all types of object at once
@@ -35,7 +35,7 @@ TITLES = {
     "larger": "Larger affordance region",
     "combined": "Combined",
 }
-_WORDS = ("natural nominal", "private nominal", "guided, first draw")
+_WORDS = ("nominal default", "nominal changed", "guided, first draw")
 
 
 class TabletopSuccess:
@@ -58,7 +58,7 @@ class TabletopSuccess:
         lines.append(_line(f"{SIZES[0]} to {SIZES[-1]}", known, theirs))
         table = DataTable(
             "tabletop_success",
-            "Success for Task 2. Natural nominal: the nominal scene under the default requirements; private nominal: "
+            "Success for Task 2. Nominal default: the nominal scene under the default requirements; nominal changed: "
             "the same scene under the changed ones; guided: from the same z(0). Unsatisfied: cases that no draw of "
             f"{MAX_DRAWS} satisfied. Refuted: claims of success that an independent oracle (Shapely) found false. "
             f"The paper's: {CASES} cases a row.",
@@ -79,7 +79,7 @@ class TabletopSuccess:
             command=_command(result, ("changed",)),
             summary=(
                 Finding(
-                    "Task 2, N = 4 to 8: natural nominal / private nominal / guided",
+                    "Task 2, N = 4 to 8: nominal default / nominal changed / guided",
                     listed(list(theirs)),
                     listed(list(ours)),
                 ),
@@ -125,7 +125,7 @@ class TabletopFamilies:
             paper="tab:task2_families. Five families, 50 cases each (10 for each N = 4 to 8); guided satisfies all.",
             text=(
                 _method(result)
-                + " Every family asks for the same objects from the same z(0), so natural nominal is "
+                + " Every family asks for the same objects from the same z(0), so nominal default is "
                 "the same in each row; the paper drew other cases for each family.",
             ),
             tables=(whole, each),
@@ -133,8 +133,8 @@ class TabletopFamilies:
             command=_command(result, tuple(TITLES)),
             summary=(
                 Finding(
-                    "Task 2, five families: private nominal / guided",
-                    listed([theirs.private, theirs.guided]),
+                    "Task 2, five families: nominal changed / guided",
+                    listed([theirs.nominal_changed, theirs.guided]),
                     listed(list(_sum(rows))[1:]),
                 ),
             ),
@@ -174,7 +174,7 @@ def _rows(result: Mapping[str, Any]) -> list[Evaluation]:
 
 def _sum(rows: Sequence[Evaluation]) -> SceneSuccess:
     """All cases of the rows together; guided on the first draw."""
-    counts = [(row.natural, row.private, row.first_draw) for row in rows]
+    counts = [(row.nominal_default, row.nominal_changed, row.first_draw) for row in rows]
     cases = sum(row.cases for row in rows)
     return SceneSuccess(*(Rate(sum(column), cases) for column in zip(*counts, strict=True)))
 
@@ -193,7 +193,7 @@ def _columns(*first: str, paper: bool = True) -> list[str]:
 def _line(first: str, rows: Sequence[Evaluation], theirs: SceneSuccess | None) -> list[Any]:
     cases, *rates, never, refuted = _ours(rows)
     given = theirs or (None, None, None)
-    pairs = [each for pair in zip(map(share, given), rates, strict=True) for each in pair]
+    pairs = [each for pair in zip(map(proportion, given), rates, strict=True) for each in pair]
     return [first, cases, *pairs, never, refuted]
 
 

@@ -7,14 +7,14 @@ from deggflow.statistics import Rate
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-def share(rate: Rate | None) -> str | None:
+def proportion(rate: Rate | None) -> str | None:
     """A rate that somebody else counted."""
-    return None if rate is None else f"{100 * rate.share:.3g}%"
+    return None if rate is None else f"{100 * rate.proportion:.3g}%"
 
 
 def listed(rates: list[Rate]) -> str:
     """Rates out of equally many cases, in one line of the summary."""
-    return " / ".join(f"{100 * rate.share:.1f}%" for rate in rates) + f" of {rates[0].cases:,}"
+    return " / ".join(f"{100 * rate.proportion:.1f}%" for rate in rates) + f" of {rates[0].cases:,}"
 
 
 def cases(count: int) -> str:

@@ -133,7 +133,7 @@ def approaches(path: StrPath) -> dict[str, Rate]:
     return {way: Rate(found[way], found.total()) for way in ways}
 
 
-def _shake(count: int, seed: int) -> Float[np.ndarray, "windows horizon 3"]:
+def _perturbation(count: int, seed: int) -> Float[np.ndarray, "windows horizon 3"]:
     """Smooth disturbances of continuations: the expert's plan stays, what it is told of the past is off.
 
     In closed loop the continuation is the field's own previous plan, errors included. Where the field only
@@ -147,7 +147,7 @@ def _shake(count: int, seed: int) -> Float[np.ndarray, "windows horizon 3"]:
 
 
 def _windows(
-    demonstrations: Sequence[Demonstration], agents: int, shake_seed: int | None
+    demonstrations: Sequence[Demonstration], agents: int, perturbation_seed: int | None
 ) -> Example:
     start = to_arrays([d.condition for d in demonstrations], agents)
     now, before, current, plank, owner = [], [], [], [], []
@@ -162,8 +162,10 @@ def _windows(
     index = np.concatenate(owner)
     motion, previous = np.concatenate(current), np.concatenate(before)
     first = (previous == 0).all((1, 2))
-    if shake_seed is not None:
-        previous = previous + np.where(first[:, None, None], 0.0, _shake(len(previous), shake_seed))
+    if perturbation_seed is not None:
+        previous = previous + np.where(
+            first[:, None, None], 0.0, _perturbation(len(previous), perturbation_seed)
+        )
     ahead = continuation(jnp.asarray(previous, jnp.float32), jnp.asarray(motion, jnp.float32))
     condition = BridgeCondition(
         jnp.asarray(np.concatenate(plank), jnp.float32),
@@ -201,20 +203,20 @@ def training_scales(examples: Example) -> Scales:
     )
 
 
-def load_dataset(path: StrPath, scales: Scales | None, *, shake: bool) -> tuple[Dataset, Scales]:
+def load_dataset(path: StrPath, scales: Scales | None, *, perturb: bool) -> tuple[Dataset, Scales]:
     """Windows of a file's demonstrations as encoded training data, and the scales they are encoded with.
 
     Args:
         path: File of demonstrations.
         scales: Of the training set; taken from this file if None.
-        shake: Disturb the continuations.
+        perturb: Disturb the continuations.
 
     Raises:
         InputError: The file is not as it should be.
     """
     demonstrations = read_demonstrations(path)
     agents = padded_robots(max(len(d.condition.contacts) for d in demonstrations))
-    examples = _windows(demonstrations, agents, demonstrations[0].seed if shake else None)
+    examples = _windows(demonstrations, agents, demonstrations[0].seed if perturb else None)
     scales = training_scales(examples) if scales is None else scales
     eta = spline_coefficients(examples.twists - examples.condition.continuation)
     z = eta.reshape(len(eta), -1) / jnp.array(scales.eta)[None]

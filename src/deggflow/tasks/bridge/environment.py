@@ -17,8 +17,8 @@ from deggflow.jsonl import InputError
 from .condition import BridgeCondition, Scales, TrialCondition
 from .episode import Episode
 from .formats import parse_condition
+from .observations import ObservationParts
 from .process import Process
-from .readings import ReadingParts
 from .scenes import random_condition
 from .world import DT, MAX_ROBOTS, MIN_ROBOTS, ROBOT_SPEED
 
@@ -124,7 +124,7 @@ class BridgeParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
         self.render_mode, self.draw = render_mode, draw
         self.possible_agents = [f"robot_{i + 1}" for i in range(robots)]
         self.agents: list[str] = []
-        self.observation_parts = ReadingParts.of(robots)
+        self.observation_parts = ObservationParts.of(robots)
         self.observation_spaces = {
             agent: _unbounded(self.observation_parts.contact.stop) for agent in self.possible_agents
         }

@@ -10,8 +10,8 @@ from deggflow.jsonl import InputError
 from .codec import BLENDED
 from .condition import BridgeCondition, Scales, TrialCondition
 from .drive import random_goals
+from .observations import Observations, contact_map, safe_value, task_value
 from .process import TICK, Process, Stage
-from .readings import Readings, contact_map, safe_value, task_value
 from .verdict import bridges, margins, move, on_the_way, sub_poses
 from .world import DT, HORIZON
 
@@ -42,7 +42,7 @@ class Episode:
         self.twists: list[np.ndarray] = []
         self.success = False
         self.failure: str | None = None
-        self._readings = Readings(contacts, np.array(condition.goal, np.float64), scales)
+        self._observations = Observations(contacts, np.array(condition.goal, np.float64), scales)
         self._of_contacts = contact_map(contacts)
         self._fit = np.linalg.pinv(self._of_contacts)  # G^-1 J^T
         self.q_task = task_value(pose)
@@ -62,7 +62,7 @@ class Episode:
     @property
     def q_safe(self) -> float:
         """At the present pose."""
-        return safe_value(self.pose, self._readings.places(self.pose))
+        return safe_value(self.pose, self._observations.places(self.pose))
 
     def advance(self, velocities: Float[np.ndarray, "robots 2"]) -> None:
         """One action: the plank follows the body twist that fits the contact points' velocities best."""
@@ -92,8 +92,8 @@ class Episode:
         return self.twist + _BLEND * (rest - self.twist)
 
     def read(self) -> Float[np.ndarray, "robots entries"]:
-        """What each robot reads, in the order of `ReadingParts`."""
-        return self._readings(self.pose, self.twist, self.ahead())
+        """What each robot reads, in the order of `ObservationParts`."""
+        return self._observations(self.pose, self.twist, self.ahead())
 
     def policy_condition(self) -> BridgeCondition:
         """What a policy generated now is conditioned on; numpy arrays in float64."""
@@ -107,7 +107,7 @@ class Episode:
         twists = np.array(self.twists).reshape(-1, 3)
         between = sub_poses(np.array(self.poses[:-1]).reshape(-1, 3), twists, round(DT / TICK))
         plank = np.concatenate([self.poses[0][None], between.reshape(-1, 3)])
-        robots = np.array([self._readings.places(pose) for pose in plank])
+        robots = np.array([self._observations.places(pose) for pose in plank])
         goals = random_goals(robots.shape[1], np.random.default_rng(0))
         goal = np.array(self.condition.goal, np.float64)
         stage: Stage = "build"

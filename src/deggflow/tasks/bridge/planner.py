@@ -28,7 +28,7 @@ class NoWayError(ValueError):
     """A robot finds no way; the message names it, counting from 1."""
 
 
-class Way(NamedTuple):
+class TimedPath(NamedTuple):
     """Where a robot is at some ticks, straight and at constant speed between them; then it stays."""
 
     ticks: Int[np.ndarray, " knots"]  # the first is 0
@@ -78,7 +78,7 @@ def _reserve(
 
 def best_way(
     roadmap: Roadmap, taken: Bool[np.ndarray, "ticks moves"], ends: tuple[int, int]
-) -> Way | None:
+) -> TimedPath | None:
     """The way of least length plus `HASTE` times duration after which the robot can stay for good.
 
     Args:
@@ -113,7 +113,7 @@ def _trace(
     taken: Bool[np.ndarray, "ticks moves"],
     length: Float[np.ndarray, "ticks points"],
     end: tuple[int, int],
-) -> Way:
+) -> TimedPath:
     """Back from the end along the moves that gave every point its length."""
     point, tick = end
     ticks, points = [tick], [point]
@@ -125,19 +125,19 @@ def _trace(
         tick, point = tick - int(roadmap.ticks[move]), int(roadmap.tail[move])
         ticks.append(tick)
         points.append(point)
-    return Way(np.array(ticks[::-1]), roadmap.points[points[::-1]])
+    return TimedPath(np.array(ticks[::-1]), roadmap.points[points[::-1]])
 
 
 def _in_order(
     roadmap: Roadmap, ends: list[tuple[int, int]], order: list[int], hold: int, clearance: float
-) -> tuple[dict[int, Way], int]:
+) -> tuple[dict[int, TimedPath], int]:
     """Ways of the robots in this order, and the robot that finds none (-1: all found one).
 
     Robots keep off the starts of those that come later in the order before tick `hold`.
     """
     reserved = np.zeros((HORIZON + 1, len(roadmap.tail)), bool)
     standing = {i: _forbidden(roadmap, roadmap.points[[ends[i][0]]], clearance)[1] for i in order}
-    ways: dict[int, Way] = {}
+    ways: dict[int, TimedPath] = {}
     for place, robot in enumerate(order):
         taken = reserved.copy()
         for later in order[place + 1 :]:
@@ -150,7 +150,7 @@ def _in_order(
     return ways, -1
 
 
-def plan(roadmap: Roadmap, ends: list[tuple[int, int]], seed: int) -> tuple[list[Way], float]:
+def plan(roadmap: Roadmap, ends: list[tuple[int, int]], seed: int) -> tuple[list[TimedPath], float]:
     """Ways on which no two robots come nearer than `CLEARANCE`, or the distance that they keep instead.
 
     Args:

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from deggflow.blocks import blocks, padded_batch, side_by_side
+from deggflow.blocks import blocks, map_blocks, padded_batch
 from deggflow.certificate import GenerationRecord
 from deggflow.generation import generate, refined_grid
 from deggflow.guidance import AbstractGuidance, DecoupledGuidance, NoGuidance
@@ -166,7 +166,7 @@ class PolicyGenerator:
             condition: Of all trials; numpy arrays in float64, rounded for the generation.
         """
         agents, count = condition.mask.shape[1], len(noise)
-        parts = side_by_side(
+        parts = map_blocks(
             lambda index: self._block(noise[index, :agents], take(condition, index)),
             blocks(count),
             compiled=agents in self._compiled,
@@ -190,7 +190,7 @@ class PolicyGenerator:
             given = noise[index], take(condition, index)
             return jax.block_until_ready(program(self.guidance, *given, self.grid, self.guard))
 
-        parts = side_by_side(one, blocks(len(noise)), compiled=noise.shape[1] in self._compiled)
+        parts = map_blocks(one, blocks(len(noise)), compiled=noise.shape[1] in self._compiled)
         return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
 
     def _block(

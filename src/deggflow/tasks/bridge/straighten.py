@@ -4,13 +4,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from .ground import EXACT, Clear, nearest_approach
-from .planner import Way
+from .planner import TimedPath
 
 ROUNDS = 3
 SPACING = 3  # ticks between the points of a way that may become its turns
 
 
-def straighten(ways: list[Way], clear: Clear, clearance: float) -> list[Way]:
+def straighten(ways: list[TimedPath], clear: Clear, clearance: float) -> list[TimedPath]:
     """The ways with the least kinetic energy through points of the given ones, at the same ticks.
 
     Args:
@@ -29,15 +29,15 @@ def straighten(ways: list[Way], clear: Clear, clearance: float) -> list[Way]:
     return ways
 
 
-def _resampled(way: Way) -> Way:
+def _resampled(way: TimedPath) -> TimedPath:
     """The same way with knots every `SPACING` ticks."""
     ticks = np.union1d(way.ticks, np.arange(0, way.ticks[-1], SPACING))
-    return Way(ticks, way.at_ticks(int(ticks[-1]) + 1)[ticks])
+    return TimedPath(ticks, way.at_ticks(int(ticks[-1]) + 1)[ticks])
 
 
 def _relaxed(
-    way: Way, others: Float[np.ndarray, "others ticks 2"], clear: Clear, clearance: float
-) -> Way:
+    way: TimedPath, others: Float[np.ndarray, "others ticks 2"], clear: Clear, clearance: float
+) -> TimedPath:
     """Shortest path over the knots, where straight moves from any to any later one are allowed."""
     count = len(way.ticks)
     energy, before = np.full(count, np.inf), np.zeros(count, int)
@@ -58,11 +58,11 @@ def _relaxed(
     chain = [count - 1]
     while chain[-1] > 0:
         chain.append(int(before[chain[-1]]))
-    return Way(way.ticks[chain[::-1]], way.points[chain[::-1]])
+    return TimedPath(way.ticks[chain[::-1]], way.points[chain[::-1]])
 
 
 def _apart(
-    way: Way,
+    way: TimedPath,
     knot: int,
     later: Int[np.ndarray, " segments"],
     others: Float[np.ndarray, "others ticks 2"],

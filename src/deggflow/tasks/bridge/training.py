@@ -76,8 +76,8 @@ def train_field(
     """
     data, out = Path(data), Path(out)
     recipe = _recipe(data)  # before hours of training: it may be damaged
-    training, scales = load_dataset(data / "training.jsonl", None, shake=True)
-    validation, _ = load_dataset(data / "validation.jsonl", scales, shake=True)
+    training, scales = load_dataset(data / "training.jsonl", None, perturb=True)
+    validation, _ = load_dataset(data / "validation.jsonl", scales, perturb=True)
     if training.mask.shape[1] != validation.mask.shape[1]:
         raise InputError("training and validation trials differ in size", file=data)
     field = BridgeField(scales, key=jax.random.key(config.seed))

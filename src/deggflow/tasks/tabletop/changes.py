@@ -19,7 +19,7 @@ from .library import (
 OFFSET_RANGE = (0.98, 1.12)
 RADIUS_RANGE = (1.04, 1.24)
 DIRECTION_JITTER = math.pi / 22.5  # rad
-HALL_WINDOW = 8  # objects of a hall to the area of the paper's table
+LARGE_WINDOW = 8  # objects of a large scene to the area of the paper's table
 
 Change = Callable[[np.random.Generator, str], Affordance]
 
@@ -96,21 +96,23 @@ def change(condition: SceneCondition, family: str, rng: np.random.Generator) -> 
 
 
 def random_objects(rng: np.random.Generator, size: int) -> tuple[str, ...]:
-    """Object types, uniformly without replacement; of a hall, by eights, each eight without replacement."""
+    """Object types, uniformly without replacement; of a large scene, in groups of eight, each drawn without replacement."""
     if size <= MAX_OBJECTS:
         return tuple(str(name) for name in rng.choice(NAMES, size, replace=False))
-    drawn = (rng.choice(NAMES, HALL_WINDOW, replace=False) for _ in range(-(-size // HALL_WINDOW)))
+    drawn = (
+        rng.choice(NAMES, LARGE_WINDOW, replace=False) for _ in range(-(-size // LARGE_WINDOW))
+    )
     return numbered([str(name) for part in drawn for name in part][:size])
 
 
 def random_table(size: int) -> tuple[float, float]:
-    """Width and depth in m of a table for so many objects: the paper's, or of a hall one that is larger in proportion.
+    """Width and depth in m of a table for so many objects: the paper's, or of a large scene one that is larger in proportion.
 
-    Up to `MAX_OBJECTS` objects share the paper's table; a hall has a table's area for every eight, and is about square.
+    Up to `MAX_OBJECTS` objects share the paper's table; a large scene has a table's area for every eight, and is about square.
     """
     if size <= MAX_OBJECTS:
         return TABLE_WIDTH, TABLE_DEPTH
-    tables = size / HALL_WINDOW
+    tables = size / LARGE_WINDOW
     columns = max(1, round(math.sqrt(tables * TABLE_DEPTH / TABLE_WIDTH)))
     return round(columns * TABLE_WIDTH, 6), round(tables / columns * TABLE_DEPTH, 6)
 

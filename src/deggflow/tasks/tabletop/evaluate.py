@@ -29,8 +29,8 @@ class Evaluation:
     size: int
     requirements: str
     cases: int
-    natural: int  # nominal scenes that satisfy the default requirements
-    private: int  # the same scenes under the changed requirements
+    nominal_default: int  # nominal scenes that satisfy the default requirements
+    nominal_changed: int  # the same scenes under the changed requirements
     first_draw: int  # guided from the same z(0)
     satisfied: int  # guided, within the limit of draws
     most_draws: int
@@ -127,8 +127,8 @@ def evaluate(
         size,
         requirements,
         cases,
-        natural=_count(judge(default, nominal.poses)),
-        private=_count(judge(conditions, nominal.poses)),
+        nominal_default=_count(judge(default, nominal.poses)),
+        nominal_changed=_count(judge(conditions, nominal.poses)),
         first_draw=sum(each.satisfied for each in first),
         satisfied=len(claimed),
         most_draws=max(scene.certificate.draws for scene in guided),

@@ -20,7 +20,7 @@ from deggflow.records import parse_certificate
 
 from .condition import Affordance, Balance, SceneCondition
 from .library import (
-    MAX_HALL,
+    MAX_LARGE,
     NAMES,
     TABLE_DEPTH,
     TABLE_WIDTH,
@@ -51,14 +51,14 @@ def _name(value: Any, field: str) -> str:
 def _objects(value: Any, field: str) -> tuple[str, ...]:
     if not isinstance(value, list):
         raise InputError(f"must be a list of names; got {quoted(value)}", field=field)
-    if not 1 <= len(value) <= MAX_HALL:
-        raise InputError(f"must name 1 to {MAX_HALL} objects; got {len(value)}", field=field)
+    if not 1 <= len(value) <= MAX_LARGE:
+        raise InputError(f"must name 1 to {MAX_LARGE} objects; got {len(value)}", field=field)
     names: dict[str, None] = {}
     for k, item in enumerate(value):
         name = _name(item, f"{field}[{k}]")
         if name in names:
             raise InputError(
-                f"{name} stands twice; a second one is called {type_name(name)}#2",
+                f"{name} is listed twice; a second one is called {type_name(name)}#2",
                 field=f"{field}[{k}]",
             )
         names[name] = None

@@ -11,21 +11,21 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from deggflow.baselines import predict_then_correct
 from deggflow.blocks import padded_batch
 from deggflow.deviation import squared_distances, wasserstein
 from deggflow.flow import Field
 from deggflow.generation import DEFAULT_STEPS, generate_batch
 from deggflow.guidance import AbstractGuidance, NoGuidance
 from deggflow.redraw import Candidate, redraw_until_satisfied
-from deggflow.rivals import DualFlow, predict_then_correct
 from deggflow.statistics import Rate
 from deggflow.step_guard import StepGuard
 
+from .baselines import BaselineRun, Hyperparameters, Method
 from .changes import random_conditions
 from .codec import decode_exactly
 from .condition import SceneCondition, TabletopCondition, padded_size, take, to_arrays
 from .generator import MAX_COORDINATE, initial_noise
-from .rivals import Knob, Method, Way
 from .verdict import Verdict, judge
 
 CHUNK = 128  # scenes generated at once
@@ -36,7 +36,7 @@ class Point:
     """One way to guide, one setting, one size: first draws (of rejection sampling: all its draws)."""
 
     method: str
-    knob: dict[str, float]
+    hyperparameters: dict[str, float]
     size: int
     cases: int
     satisfied: int
@@ -99,10 +99,6 @@ def _program(
         return predict_then_correct(
             field, guidance, noise, condition, steps=DEFAULT_STEPS, pull=pull, guard=guard
         ).z
-    match guidance:
-        case DualFlow():
-            wide, driven = guidance.widen(noise), guidance.wrap(field)
-            return guidance.narrow(generate_batch(driven, guidance, wide, condition).z)
     return generate_batch(field, guidance, noise, condition, guard=guard).z
 
 
@@ -110,20 +106,20 @@ def draw_cases(field: Field, size: int, requirements: str, cases: int, seed: int
     """Random conditions with the nominal sample of each."""
     conditions = random_conditions(size, cases, requirements, seed)
     empty = Cases(conditions, seed, np.zeros((cases, size, 3), np.float32))
-    nominal = _generate(field, Way(NoGuidance()), empty, np.arange(cases), 0)
+    nominal = _generate(field, BaselineRun(NoGuidance()), empty, np.arange(cases), 0)
     return empty._replace(nominal=nominal.z)
 
 
-def measure(field: Field, method: Method, knob: Knob, cases: Cases) -> Point:
+def measure(field: Field, method: Method, hyperparameters: Hyperparameters, cases: Cases) -> Point:
     """Runs one way on all cases; compiled before the clock starts."""
-    way, count = method.make(knob), len(cases.conditions)
+    way, count = method.make(hyperparameters), len(cases.conditions)
     _generate(field, way, cases, np.arange(min(CHUNK, count)), 0)
     drawn = _until_satisfied(field, way, cases)
     settled = np.array(drawn.finite)
     margins = [v.min_margin for v, ok in zip(drawn.verdicts, drawn.finite, strict=True) if ok]
     return Point(
         method.name,
-        dict(knob),
+        dict(hyperparameters),
         cases.size,
         count,
         satisfied=sum(v.satisfied for v in drawn.verdicts),
@@ -138,7 +134,7 @@ def measure(field: Field, method: Method, knob: Knob, cases: Cases) -> Point:
 
 def jobs(
     field: Field,
-    grid: Sequence[tuple[int, Method, Knob]],
+    grid: Sequence[tuple[int, Method, Hyperparameters]],
     cases: int,
     seed: int,
     say: Callable[[str], None] = lambda text: None,
@@ -152,22 +148,22 @@ def jobs(
     def of_size(size: int) -> Cases:
         return draw_cases(field, size, "changed", cases, seed)
 
-    def job(size: int, method: Method, knob: Knob) -> Callable[[], Point]:
+    def job(size: int, method: Method, hyperparameters: Hyperparameters) -> Callable[[], Point]:
         def run() -> Point:
-            say(f"N = {size}, {method.name}, {in_words(knob)}, {cases} cases")
-            return measure(field, method, knob, of_size(size))
+            say(f"N = {size}, {method.name}, {in_words(hyperparameters)}, {cases} cases")
+            return measure(field, method, hyperparameters, of_size(size))
 
         return run
 
     return [job(*setting) for setting in grid]
 
 
-def in_words(knob: Knob) -> str:
+def in_words(hyperparameters: Hyperparameters) -> str:
     """A setting as it is read."""
-    return ", ".join(f"{name} {value:g}" for name, value in knob.items())
+    return ", ".join(f"{name} {value:g}" for name, value in hyperparameters.items())
 
 
-def _until_satisfied(field: Field, way: Way, cases: Cases) -> _Samples:
+def _until_satisfied(field: Field, way: BaselineRun, cases: Cases) -> _Samples:
     """One draw of every case; of those that fail, further ones if the way allows it."""
     seconds, draws = 0.0, 0
 
@@ -185,7 +181,7 @@ def _until_satisfied(field: Field, way: Way, cases: Cases) -> _Samples:
 
 
 def _generate(
-    field: Field, way: Way, cases: Cases, numbers: np.ndarray, draw_number: int
+    field: Field, way: BaselineRun, cases: Cases, numbers: np.ndarray, draw_number: int
 ) -> _Samples:
     conditions = [cases.conditions[k] for k in numbers]
     agents = padded_size(cases.size)

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from deggflow.blocks import blocks, padded_batch, side_by_side
+from deggflow.blocks import blocks, map_blocks, padded_batch
 from deggflow.certificate import Certificate, GenerationRecord
 from deggflow.flow import Field
 from deggflow.generation import DEFAULT_STEPS, generate, generate_batch, refined_grid
@@ -172,7 +172,7 @@ class TabletopGenerator:
             return self._block(noise[index], take(arrays, index), guidance, keep_trace)
 
         kind = noise.shape[1], keep_trace, guidance is self.guidance
-        parts = side_by_side(one, blocks(len(noise)), compiled=kind in self._compiled)
+        parts = map_blocks(one, blocks(len(noise)), compiled=kind in self._compiled)
         self._compiled.add(kind)
         return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
 

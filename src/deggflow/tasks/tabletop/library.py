@@ -100,7 +100,7 @@ LIBRARY: tuple[ObjectType, ...] = (
 
 NAMES: tuple[str, ...] = tuple(kind.name for kind in LIBRARY)
 MAX_OBJECTS = len(LIBRARY)
-MAX_HALL = 10_000  # objects of a hall, where types repeat
+MAX_LARGE = 10_000  # objects of a large scene, where types repeat
 _BY_NAME = {kind.name: kind for kind in LIBRARY}
 _NUMBER = re.compile(r"[1-9][0-9]{0,6}")
 

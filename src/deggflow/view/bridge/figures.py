@@ -94,14 +94,14 @@ def success_bars(groups: Sequence[str], bars: Sequence[SuccessBars]) -> Figure:
         width = _FILLED / max(len(bars), 1)
         for k, each in enumerate(bars):
             x = np.arange(len(groups)) + (k - (len(bars) - 1) / 2) * width
-            share = 100 * np.array([rate.share for rate in each.rates])
+            proportion = 100 * np.array([rate.proportion for rate in each.rates])
             ends = 100 * np.array([rate.interval() for rate in each.rates]).reshape(-1, 2)
-            # Rounding may put an interval's end a hair within the share.
-            reach = np.maximum(np.stack([share - ends[:, 0], ends[:, 1] - share]), 0.0)
+            # Rounding may put an interval's end a hair within the proportion.
+            reach = np.maximum(np.stack([proportion - ends[:, 0], ends[:, 1] - proportion]), 0.0)
             colour = 1.0 - (_LIGHT if each.quoted else 1.0) * (1.0 - np.array(to_rgb(each.colour)))
-            for bar in axes.bar(x, share, 0.9 * width, color=colour, label=each.label):
+            for bar in axes.bar(x, proportion, 0.9 * width, color=colour, label=each.label):
                 bar.set(hatch="/////" if each.quoted else None, edgecolor="white", linewidth=0.0)
-            axes.errorbar(x, share, reach, fmt="none", ecolor="#222222", elinewidth=0.8)
+            axes.errorbar(x, proportion, reach, fmt="none", ecolor="#222222", elinewidth=0.8)
         axes.set_xticks(np.arange(len(groups)), groups)
         axes.tick_params(axis="x", length=0)
         axes.set(xlabel="number of robots $N$", ylabel="trials that bridge the gap (%)")

@@ -1,4 +1,4 @@
-"""A hall's requirements: margins between neighbours, and the violation V_i built from them.
+"""A large scene's requirements: margins between neighbours, and the violation V_i built from them.
 
 Margins and their meaning are those of `tabletop/margins.py`; pairs farther apart than anything can bind are not
 looked at. A list that was too short would leave out a requirement, so V is then not a number: never a silent violation.
@@ -22,11 +22,11 @@ from deggflow.tasks.tabletop.geometry import (
 )
 from deggflow.tasks.tabletop.margins import ABSENT
 
-from .condition import HallCondition, HallParts, decode, place
+from .condition import LargeSceneCondition, LargeSceneParts, decode, place
 
 
 class NeighbourMargins(NamedTuple):
-    """Margins of a hall, in m; `ABSENT` where there is none."""
+    """Margins of a large scene, in m; `ABSENT` where there is none."""
 
     separation: Float[Array, "bodies slots"]  # each pair once
     unobstructed: Float[Array, "regions slots"]
@@ -37,7 +37,7 @@ class NeighbourMargins(NamedTuple):
 
 
 def between_neighbours(
-    z: Float[Array, "agents 3"], condition: HallCondition, slots: int
+    z: Float[Array, "agents 3"], condition: LargeSceneCondition, slots: int
 ) -> NeighbourMargins:
     """All margins that can bind at the state z, with room for `slots` neighbours of each part."""
     pose = decode(z, condition)
@@ -70,18 +70,18 @@ def _of_neighbours(boxes: RoundedBox, found: Neighbours) -> RoundedBox:
     return jax.tree.map(found.gather, boxes)
 
 
-def _both(parts: HallParts, found: Neighbours) -> Bool[Array, "parts slots"]:
+def _both(parts: LargeSceneParts, found: Neighbours) -> Bool[Array, "parts slots"]:
     return found.near & parts.valid[:, None]
 
 
 def _walls(
-    boxes: RoundedBox, parts: HallParts, condition: HallCondition
+    boxes: RoundedBox, parts: LargeSceneParts, condition: LargeSceneCondition
 ) -> Float[Array, "2 parts"]:
     margins = jnp.stack(wall_margins(boxes, condition.half_width, condition.half_depth))
     return jnp.where(parts.valid[None], margins, ABSENT)
 
 
-class HallMargins(AbstractMargins):
+class LargeSceneMargins(AbstractMargins):
     """The margins of each object of a large scene, in m, as of a table.
 
     Not a number where some part has more neighbours than `slots`.
@@ -90,7 +90,7 @@ class HallMargins(AbstractMargins):
     slots: int = eqx.field(static=True, default=12)
 
     def __call__(
-        self, z: Float[Array, "agents 3"], condition: HallCondition
+        self, z: Float[Array, "agents 3"], condition: LargeSceneCondition
     ) -> Float[Array, "agents 4"]:
         """The least margin of each kind; `ABSENT` where there is none near."""
         margins = between_neighbours(z, condition, self.slots)
@@ -109,7 +109,7 @@ class HallMargins(AbstractMargins):
         return jnp.where(margins.beside.missed | margins.around.missed, jnp.nan, out)
 
     def violation(
-        self, z: Float[Array, "agents 3"], condition: HallCondition, buffer: float
+        self, z: Float[Array, "agents 3"], condition: LargeSceneCondition, buffer: float
     ) -> Float[Array, " agents"]:
         """V_i = sum_k max(buffer - h_ik, 0)^2 / 2 (paper: Task 2), in m^2, of every object."""
         margins = between_neighbours(z, condition, self.slots)
@@ -134,7 +134,7 @@ class HallMargins(AbstractMargins):
         return jnp.where(missed, jnp.nan, total)
 
     def violation_and_gradient(
-        self, z: Float[Array, "agents 3"], condition: HallCondition, buffer: float
+        self, z: Float[Array, "agents 3"], condition: LargeSceneCondition, buffer: float
     ) -> tuple[Float[Array, " agents"], Float[Array, "agents 3"]]:
         """By reverse mode."""
 
@@ -146,7 +146,7 @@ class HallMargins(AbstractMargins):
         return parts, gradient
 
     def dependence(
-        self, z: Float[Array, "agents 3"], condition: HallCondition, buffer: float
+        self, z: Float[Array, "agents 3"], condition: LargeSceneCondition, buffer: float
     ) -> Pairs:
         """Which agents' states each V_j depends on now: whoever takes part in an active margin of j, and j itself."""
         margins = between_neighbours(z, condition, self.slots)

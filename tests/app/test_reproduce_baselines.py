@@ -1,22 +1,22 @@
-"""The report's sections on rivals: what is measured, and what is said of it."""
+"""The report's sections on baselines: what is measured, and what is said of it."""
 
 import json
 from dataclasses import asdict, dataclass
 
 import pytest
 
-from deggflow.app.reproduce import rivals
+from deggflow.app.reproduce import baselines
 from deggflow.app.reproduce.experiment import Settings
 from deggflow.app.reproduce.rows import kept_rows
+from deggflow.tasks.tabletop.baselines import METHODS
 from deggflow.tasks.tabletop.frontier import Point
-from deggflow.tasks.tabletop.rivals import METHODS
 
 QUICK = Settings(seed=3, quick=True)
 
 
-def point(method, satisfied, transport, *, size=8, draws=1.0, knob=None):
+def point(method, satisfied, transport, *, size=8, draws=1.0, hyperparameters=None):
     (way,) = [each for each in METHODS if each.name == method]
-    setting = dict(way.default if knob is None else knob)
+    setting = dict(way.default if hyperparameters is None else hyperparameters)
     return Point(
         method, setting, size, 100, satisfied, 0, 0.01, transport, transport, 0.02, draws
     ).to_json()
@@ -33,35 +33,35 @@ def rows(**transports):
 def test_ways_are_measured_on_the_same_cases(monkeypatch):
     names = ("penalty gradient", "rejection sampling")
     few = [each for each in METHODS if each.name in names]
-    monkeypatch.setattr(rivals, "QUICK_WAYS", names)
-    monkeypatch.setattr(rivals, "METHODS", tuple(few))
-    monkeypatch.setattr(rivals, "QUICK_SIZES", (3,))
-    monkeypatch.setattr(rivals, "QUICK_SWEPT", (3,))
+    monkeypatch.setattr(baselines, "QUICK_WAYS", names)
+    monkeypatch.setattr(baselines, "METHODS", tuple(few))
+    monkeypatch.setattr(baselines, "QUICK_SIZES", (3,))
+    monkeypatch.setattr(baselines, "QUICK_SWEPT", (3,))
     said = []
-    whole = rivals.Rivals().measure(QUICK, said.append)
-    swept = rivals.RivalsFrontier().measure(QUICK, said.append)
+    whole = baselines.Baselines().measure(QUICK, said.append)
+    swept = baselines.BaselinesFrontier().measure(QUICK, said.append)
     assert json.loads(json.dumps([whole, swept], allow_nan=False)) == [whole, swept]
     assert [row["method"] for row in whole["rows"]] == [each.name for each in few]
     assert whole["seed"] == 3
     assert swept["seed"] == 1003
-    knobs = [dict(knob) for each in few for knob in each.grid[::3]]
-    assert [row["knob"] for row in swept["rows"]] == knobs
-    assert len(said) == len(few) + len(knobs)
+    hyperparameters = [dict(hyperparameters) for each in few for hyperparameters in each.grid[::3]]
+    assert [row["hyperparameters"] for row in swept["rows"]] == hyperparameters
+    assert len(said) == len(few) + len(hyperparameters)
 
 
-def test_a_rival_that_is_better_is_said_to_be():
+def test_a_baseline_that_is_better_is_said_to_be():
     found = rows(**{"penalty gradient": (100, 0.1), "joint barrier QP": (99, 0.1)})
-    section = rivals.Rivals().present({"cases": 100, "seed": 1, "rows": found}, Settings())
+    section = baselines.Baselines().present({"cases": 100, "seed": 1, "rows": found}, Settings())
     words = section.text[-1]
-    assert "the best rival is penalty gradient" in words
+    assert "the best baseline is penalty gradient" in words
     assert "closer to nominal: penalty gradient." in words
     found = rows(**{"penalty gradient": (100, 0.3), "joint barrier QP": (99, 0.1)})
-    section = rivals.Rivals().present({"cases": 100, "seed": 1, "rows": found}, Settings())
+    section = baselines.Baselines().present({"cases": 100, "seed": 1, "rows": found}, Settings())
     assert "closer to nominal" not in section.text[-1]
 
 
 def test_times_are_over_one_nominal_draw_of_the_same_run():
-    section = rivals.Rivals().present(
+    section = baselines.Baselines().present(
         {"cases": 100, "seed": 1, "rows": rows(own=(90, 0.2), **{"dual flow": (90, 0.2)})}, QUICK
     )
     lines = {
@@ -77,10 +77,12 @@ def test_times_are_over_one_nominal_draw_of_the_same_run():
 def test_the_frontier_has_every_setting_in_its_table_and_marks_the_best():
     (penalty,) = [each for each in METHODS if each.name == "penalty gradient"]
     found = [
-        point("penalty gradient", 90 + k, 0.1 * (k + 1), knob=knob)
-        for k, knob in enumerate(penalty.grid)
+        point("penalty gradient", 90 + k, 0.1 * (k + 1), hyperparameters=hyperparameters)
+        for k, hyperparameters in enumerate(penalty.grid)
     ]
-    section = rivals.RivalsFrontier().present({"cases": 100, "seed": 1001, "rows": found}, QUICK)
+    section = baselines.BaselinesFrontier().present(
+        {"cases": 100, "seed": 1001, "rows": found}, QUICK
+    )
     marked = [row for row in section.tables[0].rows if row[-2] == "yes"]
     assert len(section.tables[0].rows) == len(penalty.grid)
     assert [row[3].split("%")[0] for row in marked] == [f"{90 + len(penalty.grid) - 1}.0"]

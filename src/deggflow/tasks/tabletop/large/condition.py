@@ -1,4 +1,4 @@
-"""A hall's condition as the padded arrays a compiled program reads, and the way from z to poses."""
+"""A large scene's condition as the padded arrays a compiled program reads, and the way from z to poses."""
 
 from collections.abc import Iterable
 from typing import Any, NamedTuple
@@ -29,7 +29,7 @@ from deggflow.tasks.tabletop.library import (
 STEPS = 8  # padded sizes between a number and its double
 
 
-class HallParts(NamedTuple):
+class LargeSceneParts(NamedTuple):
     """Rounded boxes fixed to agents, in a list of their own."""
 
     x: Float[Array, " parts"]  # m, in the owner's body frame
@@ -41,17 +41,17 @@ class HallParts(NamedTuple):
     owner: Int[Array, " parts"]
 
 
-class HallCondition(NamedTuple):
-    """One hall's condition chi, padded."""
+class LargeSceneCondition(NamedTuple):
+    """One large scene's condition chi, padded."""
 
     mask: Bool[Array, " agents"]
     kind: Int[Array, " agents"]
     anchor: Float[Array, "agents 2"]  # m, centre of each agent's window
     window: Float[Array, " 2"]  # m, half extents of a window
-    bodies: HallParts
-    regions: HallParts  # as required by the user
-    shape: HallParts  # one box per agent: its main body, which the field sees
-    access: HallParts  # one capsule per agent: its default regions, which the field sees
+    bodies: LargeSceneParts
+    regions: LargeSceneParts  # as required by the user
+    shape: LargeSceneParts  # one box per agent: its main body, which the field sees
+    access: LargeSceneParts  # one capsule per agent: its default regions, which the field sees
     half_width: Float[Array, ""]  # m, of the table
     half_depth: Float[Array, ""]
     body_reach: Float[
@@ -62,7 +62,7 @@ class HallCondition(NamedTuple):
     balance: Float[Array, " 3"]  # x, y, radius of the circle for the centre of mass, m
 
 
-def is_hall(condition: SceneCondition) -> bool:
+def is_large(condition: SceneCondition) -> bool:
     """Whether a scene has more objects than the library, or two of a type."""
     types = {type_name(name) for name in condition.objects}
     return len(types) < len(condition.objects)
@@ -84,7 +84,7 @@ def anchors(condition: SceneCondition) -> Float[np.ndarray, "objects 2"]:
     """Centre of each object's window, in m: windows are filled in turn, by the order of the objects."""
     columns, rows = windows(condition)
     count = len(condition.objects)
-    # A hall with fewer objects than windows leaves windows free all over, not at its end.
+    # A large scene with fewer objects than windows leaves windows free all over, not at its end.
     spot = np.arange(count) * columns * rows // count
     row, column = np.divmod(spot, columns)
     x = ((column + 0.5) / columns - 0.5) * condition.width
@@ -98,7 +98,7 @@ def window_size(condition: SceneCondition) -> Float[np.ndarray, " 2"]:
     return np.array([condition.width / columns, condition.depth / rows]) / 2
 
 
-def decode(z: Float[Array, "agents 3"], condition: HallCondition) -> Pose:
+def decode(z: Float[Array, "agents 3"], condition: LargeSceneCondition) -> Pose:
     """The decoder: anchor + diag(half window, 1.35) z."""
     place = condition.anchor + condition.window[None] * z[:, :2]
     return Pose(place[:, 0], place[:, 1], ANGLE_SCALE * z[:, 2])
@@ -113,7 +113,7 @@ def decode_exactly(
     return np.concatenate([place, ANGLE_SCALE * own[:, 2:]], axis=1)
 
 
-def place(parts: HallParts, pose: Pose) -> RoundedBox:
+def place(parts: LargeSceneParts, pose: Pose) -> RoundedBox:
     """Parts put into the world with their owners' poses."""
     x, y, theta = (value[parts.owner] for value in pose)
     cos, sin = jnp.cos(theta), jnp.sin(theta)
@@ -128,7 +128,7 @@ def place(parts: HallParts, pose: Pose) -> RoundedBox:
     )
 
 
-def _parts(rows: Iterable[tuple[int, PartRow]], size: int | None = None) -> HallParts:
+def _parts(rows: Iterable[tuple[int, PartRow]], size: int | None = None) -> LargeSceneParts:
     listed = list(rows)
     size = padded_count(len(listed)) if size is None else size
     values, valid = np.zeros((5, size), np.float32), np.zeros(size, bool)
@@ -136,16 +136,16 @@ def _parts(rows: Iterable[tuple[int, PartRow]], size: int | None = None) -> Hall
     for k, (agent, row) in enumerate(listed):
         values[:, k], valid[k], owner[k] = row, True, agent
     columns: Any = (*values, valid, owner)
-    return HallParts(*columns)
+    return LargeSceneParts(*columns)
 
 
-def _extent(parts: HallParts) -> float:
+def _extent(parts: LargeSceneParts) -> float:
     """The farthest that any part reaches from its own centre, m."""
     return float(np.max(np.hypot(parts.half_x, parts.half_y) + np.asarray(parts.radius)))
 
 
-def to_arrays(condition: SceneCondition, buffer: float) -> HallCondition:
-    """One hall as arrays; `buffer` is the violation's, m, by which cut-off radii go beyond the shapes."""
+def to_arrays(condition: SceneCondition, buffer: float) -> LargeSceneCondition:
+    """One large scene as arrays; `buffer` is the violation's, m, by which cut-off radii go beyond the shapes."""
     names = condition.objects
     types = [object_type(name) for name in names]
     size = padded_count(len(names))
@@ -175,4 +175,4 @@ def to_arrays(condition: SceneCondition, buffer: float) -> HallCondition:
         np.array(EVERYWHERE if circle is None else (circle.x, circle.y, circle.radius), np.float32),
     )
     arrays: Any = (mask, kind, anchor, window_size(condition).astype(np.float32))
-    return HallCondition(*arrays, *rest)
+    return LargeSceneCondition(*arrays, *rest)

@@ -1,4 +1,4 @@
-"""What the rivals share: guidance without a state of its own, and how constraints are given to it."""
+"""What the baselines share: guidance without rows, and how constraints are given to it."""
 
 import abc
 from collections.abc import Callable
@@ -16,8 +16,27 @@ Constraints = Callable[[Float[Array, "agents dim"], Any], Float[Array, " constra
 SHORTEST = 1e-6  # of tau: gains in 1 / (1 - tau) stay finite at tau = 1, where no step follows
 
 
-class AbstractRival(AbstractGuidance):
+class AbstractBaseline(AbstractGuidance):
     """Another way to guide, behind the interface of `DecoupledGuidance`; nothing is promised of its values."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """No rows."""
+        return ()
+
+    def on_forced_step(
+        self,
+        state: Any,
+        tau: Float[Array, ""],
+        value: Float[Array, " rows"],
+        above: Bool[Array, " rows"],
+    ) -> Any:
+        """No limits: the state as it is."""
+        return state
+
+
+class AbstractStateless(AbstractBaseline):
+    """A baseline whose correction follows from the sample alone."""
 
     @abc.abstractmethod
     def correction(
@@ -29,11 +48,6 @@ class AbstractRival(AbstractGuidance):
     ) -> Float[Array, "agents dim"]:
         """What is added to the nominal field."""
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """No rows."""
-        return ()
-
     def init(
         self,
         z0: Float[Array, "agents dim"],
@@ -41,15 +55,6 @@ class AbstractRival(AbstractGuidance):
         mask: Bool[Array, " agents"] | None = None,
     ) -> None:
         """No state."""
-
-    def on_forced_step(
-        self,
-        state: None,
-        tau: Float[Array, ""],
-        value: Float[Array, " rows"],
-        above: Bool[Array, " rows"],
-    ) -> None:
-        """No limits, no state."""
 
     def __call__(
         self,
@@ -59,12 +64,17 @@ class AbstractRival(AbstractGuidance):
         drift: Float[Array, "agents dim"],
         condition: Any,
         moving: Bool[Array, " agents"] | None = None,
-    ) -> tuple[Float[Array, "agents dim"], GuidanceReport]:
+    ) -> tuple[None, Float[Array, "agents dim"], GuidanceReport]:
         """The correction, and a report without rows: efforts alone."""
-        u = self.correction(tau, z, drift, condition)
-        if moving is not None:
-            u = jnp.where(moving[:, None], u, 0.0)
-        return u, report_without_rows(drift, u)
+        u = of_moving(self.correction(tau, z, drift, condition), moving)
+        return None, u, report_without_rows(drift, u)
+
+
+def of_moving(
+    u: Float[Array, "agents dim"], moving: Bool[Array, " agents"] | None
+) -> Float[Array, "agents dim"]:
+    """Inputs of the agents that move; zero for the others."""
+    return u if moving is None else jnp.where(moving[:, None], u, 0.0)
 
 
 class Linearised(NamedTuple):

@@ -7,12 +7,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from .rival import AbstractRival, Constraints, left, linearise
+from .baseline import AbstractStateless, Constraints, left, linearise
 
 DAMPING = 1e-4  # on the diagonal, in the unit of |grad h|^2
 
 
-class EndpointProjection(AbstractRival):
+class EndpointProjection(AbstractStateless):
     """Steers to the projection of the endpoint that the field predicts; after the last step z(1) is that projection.
 
     Inequalities get slack variables, h(x) - buffer = s^2, and each Gauss-Newton step is the smallest one in (x, s) to

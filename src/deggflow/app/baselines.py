@@ -1,4 +1,4 @@
-"""`deggflow tabletop rivals`: every way to guide, swept over its own knob."""
+"""`deggflow tabletop baselines`: every way to guide, swept over its own hyperparameters."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from deggflow.tasks.tabletop.frontier import Point
 
 
-def rivals(
+def baselines(
     cases: int = 128,
     sizes: tuple[int, ...] = (8,),
     methods: tuple[str, ...] = (),
@@ -20,7 +20,7 @@ def rivals(
     chosen: bool = False,
     out: Path | None = None,
 ) -> int:
-    """Compare ways to guide: success, deviation and time of each, for every setting of its own knob.
+    """Compare ways to guide: success, deviation and time of each, for every setting of its own hyperparameters.
 
     All ways run on the same field, from the same z(0), under the same requirements; rejection sampling alone draws
     more than once. The best setting of each has a star: most successes, then least W2.
@@ -31,10 +31,10 @@ def rivals(
         methods: Which ways, by name (default: all).
         seed: Seed of cases and of z(0); the settings that tables use were found with the default one, at N = 8 and 12.
         chosen: Only the settings that tables use, instead of all.
-        out: JSON Lines file that receives the rows; the same call completes it after a kill.
+        out: JSON Lines file that receives the rows; rerun the command to resume.
     """
+    from deggflow.tasks.tabletop.baselines import METHODS
     from deggflow.tasks.tabletop.library import MAX_OBJECTS
-    from deggflow.tasks.tabletop.rivals import METHODS
 
     in_range("cases", cases, 1, MAX_COUNT)
     in_range("seed", seed, 0, MAX_SEED)
@@ -50,16 +50,18 @@ def rivals(
 
     wanted = [method for method in METHODS if not methods or method.name in methods]
     grid = [
-        (size, method, knob)
+        (size, method, hyperparameters)
         for size in sizes
         for method in wanted
-        for knob in ((method.chosen(size),) if chosen else method.grid)
+        for hyperparameters in ((method.chosen(size),) if chosen else method.grid)
     ]
     settings = {
-        "command": "tabletop rivals",
+        "command": "tabletop baselines",
         "cases": cases,
         "seed": seed,
-        "rows": [[size, method.name, dict(knob)] for size, method, knob in grid],
+        "rows": [
+            [size, method.name, dict(hyperparameters)] for size, method, hyperparameters in grid
+        ],
     }
     points = run_jobs(jobs(load_field(), grid, cases, seed), Point, settings, out)
     _show(points, cases, seed)
@@ -85,7 +87,8 @@ def _show(points: "list[Point]", cases: int, seed: int) -> None:
         table.add_row(
             str(point.size),
             point.method,
-            in_words(point.knob) + (" *" if any(point is star for star in stars) else ""),
+            in_words(point.hyperparameters)
+            + (" *" if any(point is star for star in stars) else ""),
             str(point.rate()),
             f"{1000 * point.worst:.1f} mm",
             str(point.diverged),

@@ -45,7 +45,7 @@ _ROOM = ROBOT_RADIUS + ROBOT_BUFFER  # m
 _SPEEDS = np.array([LINEAR_SPEED, LINEAR_SPEED, ANGULAR_SPEED])
 
 
-class ReadingParts(NamedTuple):
+class ObservationParts(NamedTuple):
     """Where the paper's vectors stand in what a robot reads."""
 
     own: slice  # lambda_i, 23
@@ -53,7 +53,7 @@ class ReadingParts(NamedTuple):
     contact: slice  # c_i, 45
 
     @classmethod
-    def of(cls, robots: int) -> "ReadingParts":
+    def of(cls, robots: int) -> "ObservationParts":
         """For a team of so many robots."""
         ends = OWN_SIZE, OWN_SIZE + OTHER_SIZE * (robots - 1)
         return cls(slice(0, ends[0]), slice(*ends), slice(ends[1], ends[1] + CONTACT_SIZE))
@@ -113,7 +113,7 @@ def contact_map(points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, "com
     return out.reshape(-1, 3)
 
 
-class Readings:
+class Observations:
     """lambda_i, pi_ij and c_i of every robot of one trial; what stays the same is computed once."""
 
     def __init__(
@@ -133,7 +133,7 @@ class Readings:
         )
         # Standardised velocities ahead, all of x before all of y, are (map @ ahead - mean) / std.
         self._mean, self._std = mean, std
-        self._parts = ReadingParts.of(robots)
+        self._parts = ObservationParts.of(robots)
         self._blank = np.zeros((robots, self._parts.contact.stop))
         room = np.array([HALF_X, HALF_Y])
         self._blank[:, 0:2] = self.centres / room
@@ -161,7 +161,7 @@ class Readings:
         twist: Float[np.ndarray, " 3"],
         ahead: Float[np.ndarray, "horizon 3"],
     ) -> Float[np.ndarray, "robots entries"]:
-        """One row per robot, in the order of `ReadingParts`.
+        """One row per robot, in the order of `ObservationParts`.
 
         Args:
             pose: Of the plank.

@@ -1,12 +1,12 @@
-"""Ways to guide, side by side: at the settings found for them, and swept over their own knobs."""
+"""Ways to guide, side by side: at the settings found for them, and swept over their own hyperparameters."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from deggflow.schema import parse_as
+from deggflow.tasks.tabletop.baselines import METHODS, Hyperparameters, Method
 from deggflow.tasks.tabletop.field import load_field
 from deggflow.tasks.tabletop.frontier import CHUNK, Point, best, in_words, jobs
-from deggflow.tasks.tabletop.rivals import METHODS, Knob, Method
 from deggflow.view.frontier import FrontierPoint, FrontierSeries, frontier
 from deggflow.view.style import GREY, GUIDED, NOMINAL, OTHERS
 
@@ -45,10 +45,10 @@ _EXPLAINED = (
 )
 
 
-class Rivals:
+class Baselines:
     """All ways at the settings found for them, over the number of objects."""
 
-    name = "rivals"
+    name = "baselines"
 
     def measure(self, settings: Settings, say: Progress) -> Mapping[str, Any]:
         """First draws of every way at every size."""
@@ -61,7 +61,7 @@ class Rivals:
         points = [parse_as(Point, row) for row in result["rows"]]
         nominal = {p.size: p.seconds / p.draws for p in points if p.method == "rejection sampling"}
         table = DataTable(
-            "rivals",
+            "baselines",
             f"Ways to guide, {result['cases']} cases of each N, seed {result['seed']}, 95% Wilson intervals. Worst: greatest "
             "violation of a margin, cases that diverged (not finite, or far off the table) left out. W2: to the nominal samples "
             "by optimal assignment of all cases, in z, per object. Time: per scene in batches of "
@@ -70,7 +70,7 @@ class Rivals:
             [_line(point, nominal[point.size]) for point in points],
         )  # fmt: skip
         where = DataTable(
-            "rivals_sources",
+            "baselines_sources",
             "Where each way comes from, and the settings that were tried.",
             ("way", "source", "settings tried"),
             [[m.name, m.source, "; ".join(map(in_words, m.grid))] for m in METHODS],
@@ -82,11 +82,11 @@ class Rivals:
             paper="No table of the paper: it compares with the nominal field alone.",
             text=(_EXPLAINED, *(_best_in_words(points, size) for size in sorted(nominal))),
             tables=(table, where),
-            command="deggflow tabletop rivals --chosen --cases "
+            command="deggflow tabletop baselines --chosen --cases "
             f"{result['cases']} --seed {result['seed']} --sizes {' '.join(map(str, sorted(nominal)))}",
             summary=(
                 Finding(
-                    f"Task 2, N = {biggest}: first-draw success and W2 of pooled guidance / of the best rival",
+                    f"Task 2, N = {biggest}: first-draw success and W2 of pooled guidance / of the best baseline",
                     "-",
                     f"{_pair(ours)} / {_pair(others)} ({others.method})",
                 ),
@@ -94,19 +94,19 @@ class Rivals:
         )
 
 
-class RivalsFrontier:
-    """Every way swept over its own knob: success against deviation."""
+class BaselinesFrontier:
+    """Every way swept over its own hyperparameters: success against deviation."""
 
-    name = "rivals_frontier"
+    name = "baselines_frontier"
 
     def measure(self, settings: Settings, say: Progress) -> Mapping[str, Any]:
         """First draws at every setting, on cases of their own."""
         sizes = QUICK_SWEPT if settings.quick else SWEPT
         grid = [
-            (size, way, knob)
+            (size, way, hyperparameters)
             for size in sizes
             for way in _ways(settings)
-            for knob in _settings(way, settings)
+            for hyperparameters in _settings(way, settings)
         ]
         seed, count = settings.seed + TUNING, settings.cases(128, 16)
         return _measured(self.name, settings, seed, count, grid, say)
@@ -117,13 +117,13 @@ class RivalsFrontier:
         sizes = sorted({point.size for point in points})
         stars = [best(group) for group in _groups(points).values()]
         table = DataTable(
-            "rivals_frontier",
+            "baselines_frontier",
             f"Every setting of every way, {result['cases']} cases of each N, seed {result['seed']}, 95% Wilson intervals. Best: "
             "the most successes, then the least W2. In tables: the setting that the table of ways uses.",
             ("N", "way", "setting", "success", "worst, mm", "diverged", "W2", "best", "in tables"),
             [
                 [
-                    p.size, p.method, in_words(p.knob), str(p.rate()), _millimetres(p.worst), p.diverged, _two(p.transport),
+                    p.size, p.method, in_words(p.hyperparameters), str(p.rate()), _millimetres(p.worst), p.diverged, _two(p.transport),
                     "yes" if any(p is star for star in stars) else "", "yes" if _chosen(p) else "",
                 ]
                 for p in points
@@ -131,8 +131,8 @@ class RivalsFrontier:
         )  # fmt: skip
         panels = [(f"$N = {size}$", _series(points, size)) for size in sizes]
         plot = Plot(
-            "rivals_frontier",
-            "Share of failed first draws over the Wasserstein distance from nominal, each way swept over its own knob; filled: "
+            "baselines_frontier",
+            "Share of failed first draws over the Wasserstein distance from nominal, each way swept over its own hyperparameters; filled: "
             "the setting in tables; thin lines: 95% Wilson intervals. Lower left is better. Settings that draw more than once, "
             f"or with W2 > {FAR:g}, are in the table alone.",
             frontier(panels, unit="$z$, per object"),
@@ -148,7 +148,7 @@ class RivalsFrontier:
             ),
             tables=(table,),
             plots=(plot,),
-            command=f"deggflow tabletop rivals --cases {result['cases']} --seed {result['seed']} "
+            command=f"deggflow tabletop baselines --cases {result['cases']} --seed {result['seed']} "
             f"--sizes {' '.join(map(str, sizes))}",
             summary=(
                 Finding(
@@ -163,7 +163,7 @@ class RivalsFrontier:
 
 
 def _leaders(stars: Sequence[Point], size: int) -> list[Point]:
-    """The best of ours and the best rival that draws but once."""
+    """The best of ours and the best baseline that draws but once."""
     there = [star for star in stars if star.size == size and star.draws == 1]
     sides = [[star for star in there if _NAMES[star.method].ours is ours] for ours in (True, False)]
     return [best(side) for side in sides if side]
@@ -174,14 +174,16 @@ def _measured(
     settings: Settings,
     seed: int,
     count: int,
-    grid: Sequence[tuple[int, Method, Knob]],
+    grid: Sequence[tuple[int, Method, Hyperparameters]],
     say: Progress,
 ) -> dict[str, Any]:
     wanted = {
         "cases": count,
         "seed": seed,
         "code": code_digest(),
-        "rows": [[size, method.name, dict(knob)] for size, method, knob in grid],
+        "rows": [
+            [size, method.name, dict(hyperparameters)] for size, method, hyperparameters in grid
+        ],
     }
     todo = jobs(load_field(), grid, count, seed, say)
     rows = kept_rows(settings, name, wanted, todo, Point)
@@ -192,7 +194,7 @@ def _ways(settings: Settings) -> list[Method]:
     return [each for each in METHODS if not settings.quick or each.name in QUICK_WAYS]
 
 
-def _settings(way: Method, settings: Settings) -> tuple[Knob, ...]:
+def _settings(way: Method, settings: Settings) -> tuple[Hyperparameters, ...]:
     """What is swept; in quick a third of the grid, and of ours what ships."""
     if not settings.quick:
         return way.grid
@@ -211,19 +213,19 @@ def _line(point: Point, nominal: float) -> list[Any]:
     return [
         point.size,
         point.method,
-        in_words(point.knob),
+        in_words(point.hyperparameters),
         str(point.rate()),
         _millimetres(point.worst),
         point.diverged,
         _two(point.transport),
         round(point.seconds / nominal, 2),
         round(point.draws, 2),
-        _NAMES[point.method].knows,
+        _NAMES[point.method].information_required,
     ]
 
 
 def _chosen(point: Point) -> bool:
-    return dict(_NAMES[point.method].chosen(point.size)) == dict(point.knob)
+    return dict(_NAMES[point.method].chosen(point.size)) == dict(point.hyperparameters)
 
 
 def _groups(points: Sequence[Point]) -> dict[tuple[int, str], list[Point]]:
@@ -234,7 +236,7 @@ def _groups(points: Sequence[Point]) -> dict[tuple[int, str], list[Point]]:
 
 
 def _sides(points: Sequence[Point], size: int) -> tuple[Point, Point]:
-    """Pooled guidance and the best rival that draws but once."""
+    """Pooled guidance and the best baseline that draws but once."""
     there = [point for point in points if point.size == size]
     ours = next(point for point in there if point.method == "pooled")
     single = [p for p in there if not _NAMES[p.method].ours and p.method != "rejection sampling"]
@@ -247,7 +249,7 @@ def _pair(point: Point) -> str:
 
 def _best_in_words(points: Sequence[Point], size: int) -> str:
     ours, other = _sides(points, size)
-    words = f"N = {size}: pooled guidance, nothing tuned, {_pair(ours)}; the best rival is {other.method}, {_pair(other)}."
+    words = f"N = {size}: pooled guidance, nothing tuned, {_pair(ours)}; the best baseline is {other.method}, {_pair(other)}."
     better = [
         each.method
         for each in points
@@ -282,4 +284,4 @@ def _one_knob(method: Method) -> bool:
     return len(method.default) == 1
 
 
-EXPERIMENTS: tuple[Experiment, ...] = (RivalsFrontier(), Rivals())
+EXPERIMENTS: tuple[Experiment, ...] = (BaselinesFrontier(), Baselines())

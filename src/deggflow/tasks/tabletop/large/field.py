@@ -1,4 +1,4 @@
-"""The trained field in a hall: every object hears of those within a cut-off radius."""
+"""The trained field in a large scene: every object hears of those within a cut-off radius."""
 
 from collections.abc import Callable
 from functools import cache, partial
@@ -12,7 +12,7 @@ from deggflow.neighbours import find_neighbours
 from deggflow.tasks.tabletop.field import node_features, pair_features
 from deggflow.tasks.tabletop.geometry import RoundedBox
 
-from .condition import HallCondition, decode, place
+from .condition import LargeSceneCondition, decode, place
 
 RADIUS = 0.7  # m, beyond which objects do not hear of each other: half the table that the field was trained on
 FADE = 0.5  # m, from where on messages fade
@@ -24,8 +24,8 @@ def _fading(distance: Float[Array, "..."]) -> Float[Array, "..."]:
     return s * s * (3 - 2 * s)
 
 
-def hall_features(
-    z: Float[Array, "agents 3"], condition: HallCondition, slots: int
+def large_scene_features(
+    z: Float[Array, "agents 3"], condition: LargeSceneCondition, slots: int
 ) -> TeamFeatures:
     """What `scene_features` tells of a scene, of neighbours alone; not a number where the list is too short."""
     pose = decode(z, condition)
@@ -49,10 +49,12 @@ def hall_features(
 
 
 @cache  # one object for each: compiled programs are found by what they were compiled for
-def _features(slots: int) -> Callable[[Float[Array, "agents 3"], HallCondition], TeamFeatures]:
-    return partial(hall_features, slots=slots)
+def _features(
+    slots: int,
+) -> Callable[[Float[Array, "agents 3"], LargeSceneCondition], TeamFeatures]:
+    return partial(large_scene_features, slots=slots)
 
 
-def hall_field(field: MessagePassingField, slots: int) -> MessagePassingField:
-    """A tabletop field with the same weights, for halls."""
+def large_scene_field(field: MessagePassingField, slots: int) -> MessagePassingField:
+    """A tabletop field with the same weights, for large scenes."""
     return field.reading(_features(slots))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import quadprog
 
-from deggflow.rivals.relaxed_qp import relaxed_input
+from deggflow.baselines.relaxed_qp import relaxed_input
 
 
 def reference(ell, b, slack):

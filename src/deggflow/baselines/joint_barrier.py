@@ -5,11 +5,11 @@ from typing import Any
 import equinox as eqx
 from jaxtyping import Array, Float
 
+from .baseline import AbstractStateless, Constraints, left, linearise
 from .relaxed_qp import relaxed_input
-from .rival import AbstractRival, Constraints, left, linearise
 
 
-class JointBarrier(AbstractRival):
+class JointBarrier(AbstractStateless):
     """The smallest joint input under one barrier row per constraint: grad h . (f + u) >= -gain (h - buffer) / (1 - tau).
 
     A row that is met throughout closes its violation in prescribed time: (h - buffer) shrinks as (1 - tau)^gain.
@@ -17,7 +17,7 @@ class JointBarrier(AbstractRival):
 
     Args:
         constraints: h.
-        gain: The method's knob.
+        gain: The method's hyperparameter.
         buffer: What is aimed at above h = 0.
         rows: Constraints that the QP looks at, the furthest from holding.
         slack: Weight of the slack variables, without which contradicting rows would have no input at all.

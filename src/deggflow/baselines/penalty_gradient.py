@@ -7,20 +7,20 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .rival import AbstractRival, left
+from .baseline import AbstractStateless, left
 
 Violation = Callable[[Float[Array, "agents dim"], Any], Float[Array, " agents"]]
 """V_i: (z, condition) -> the violation of each agent."""
 
 
-class PenaltyGradient(AbstractRival):
+class PenaltyGradient(AbstractStateless):
     """u = -gain / (1 - tau) grad V: what most would write first, and the strongest of the simple ways.
 
     Each agent needs the states of its neighbours. Nothing tells which gain is enough.
 
     Args:
         violation: V_i of each agent.
-        gain: The method's knob; V has the square of its margins' unit.
+        gain: The method's hyperparameter; V has the square of its margins' unit.
 
     Source: gradient guidance, e.g. universal guidance (Bansal et al., 2024), guided flow matching (Feng et al., 2025).
     """

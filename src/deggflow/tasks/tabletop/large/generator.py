@@ -1,4 +1,4 @@
-"""Certified halls from the tabletop's nominal field, one hall at a time."""
+"""Certified large scenes from the tabletop's nominal field, one large scene at a time."""
 
 from collections.abc import Sequence
 from functools import cache, partial
@@ -37,29 +37,29 @@ from deggflow.tasks.tabletop.verdict import BUFFER, Poses
 from deggflow.trace import Summary, Trace
 
 from .condition import (
-    HallCondition,
+    LargeSceneCondition,
     decode,
     decode_exactly,
-    is_hall,
+    is_large,
     padded_count,
     to_arrays,
 )
-from .field import hall_field
-from .margins import HallMargins
+from .field import large_scene_field
+from .margins import LargeSceneMargins
 
 HEARD, BESIDE = 32, 12  # neighbours for which field and requirements have room
 CROWDS = (1, 2, 4)  # times that room, tried in turn where it does not do
 # Some of many pairs always stand at a kink, where V rises for any step: nothing is gained by refusing the step of a
-# whole hall. Its steps are shorter from the start.
+# whole large scene. Its steps are shorter from the start.
 GUARD = StepGuard(halvings=0)
-SHORTER = 1.3  # steps of a hall to those of a table
+SHORTER = 1.3  # steps of a large scene to those of a table
 
 
 @cache  # one object for each: compiled programs are found by what they were compiled for
-def hall_guidance(slots: int = BESIDE, *, balanced: bool = False) -> DecoupledGuidance:
-    """Guidance of a hall: private requirements shared out among neighbours, and the balance if it is asked for."""
+def large_scene_guidance(slots: int = BESIDE, *, balanced: bool = False) -> DecoupledGuidance:
+    """Guidance of a large scene: private requirements shared out among neighbours, and the balance if it is asked for."""
     affordance = PrivateRequirement(
-        HallMargins(slots),
+        LargeSceneMargins(slots),
         BUFFER,
         allocation=Local(),
         per_owner_gain=True,
@@ -70,7 +70,7 @@ def hall_guidance(slots: int = BESIDE, *, balanced: bool = False) -> DecoupledGu
 
 
 def imbalance(
-    tau: Float[Array, ""], z: Float[Array, "agents 3"], condition: HallCondition
+    tau: Float[Array, ""], z: Float[Array, "agents 3"], condition: LargeSceneCondition
 ) -> Float[Array, ""]:
     """The q of the requirement on the centre of mass."""
     return imbalance_of(decode(z, condition), condition.mass, condition.balance)
@@ -93,7 +93,7 @@ def _program(
     field: MessagePassingField,
     guidance: AbstractGuidance,
     noise: Float[Array, "agents 3"],
-    condition: HallCondition,
+    condition: LargeSceneCondition,
     grid: Float[Array, " points"],
     guard: StepGuard | None,
     keep_trace: bool,
@@ -116,8 +116,8 @@ def _noise(
     return jax.vmap(lambda own: jax.random.normal(own, (3,)))(keys)
 
 
-class HallGenerator:
-    """Generates halls with one field, guided or not; compiled programs are kept between calls."""
+class LargeSceneGenerator:
+    """Generates large scenes with one field, guided or not; compiled programs are kept between calls."""
 
     def __init__(
         self,
@@ -141,7 +141,7 @@ class HallGenerator:
         max_draws: int = MAX_DRAWS,
         keep_trace: bool = False,
     ) -> Scene:
-        """A hall with its certificate; a draw that fails is made again from a new z(0).
+        """A large scene with its certificate; a draw that fails is made again from a new z(0).
 
         Args: as of `TabletopGenerator.scenes`, of one condition and its number in the run.
         """
@@ -161,7 +161,7 @@ class HallGenerator:
         *,
         keep_trace: bool = False,
     ) -> Batch:
-        """One draw of one hall."""
+        """One draw of one large scene."""
         out = self._draw(condition, seed, number, drawn, keep_trace=keep_trace)
         guidance, made = self._guidance(condition), None
         if isinstance(guidance, DecoupledGuidance):
@@ -190,7 +190,7 @@ class HallGenerator:
         noise = _noise(seed, number, drawn, padded_count(len(condition.objects)))
         for crowd in CROWDS:
             guidance = self._guidance(condition, crowd)
-            field = hall_field(self.field, HEARD * crowd)
+            field = large_scene_field(self.field, HEARD * crowd)
             out = _program(
                 field, guidance, noise, arrays, self.grid, self.guard, keep_trace, keep_path
             )
@@ -201,21 +201,23 @@ class HallGenerator:
     def _guidance(self, condition: SceneCondition, crowd: int = 1) -> AbstractGuidance:
         if not self.guided:
             return NoGuidance()
-        return hall_guidance(BESIDE * crowd, balanced=condition.balance is not None)
+        return large_scene_guidance(BESIDE * crowd, balanced=condition.balance is not None)
 
 
 def _steps(of_table: int) -> int:
     return round(SHORTER * of_table)
 
 
-def halls_like(generator: TabletopGenerator) -> HallGenerator:
-    """A generator of halls with the field and 1.3 times the steps of a generator of scenes, guided and guarded if that one is."""
+def large_scenes_like(generator: TabletopGenerator) -> LargeSceneGenerator:
+    """A generator of large scenes with the field and 1.3 times the steps of a generator of scenes, guided and guarded if that one is."""
     if not isinstance(generator.field, MessagePassingField):
-        raise TypeError("halls need a `MessagePassingField`: other fields have no cut-off radius.")
+        raise TypeError(
+            "large scenes need a `MessagePassingField`: other fields have no cut-off radius."
+        )
     guided = isinstance(generator.guidance, DecoupledGuidance)
     guard = None if generator.guard is None else GUARD
     grid = refined_grid(_steps(generator.steps), generator.power)
-    return HallGenerator(generator.field, guided, grid=grid, guard=guard)
+    return LargeSceneGenerator(generator.field, guided, grid=grid, guard=guard)
 
 
 def make_scenes(
@@ -227,17 +229,17 @@ def make_scenes(
     max_draws: int = MAX_DRAWS,
     keep_trace: bool = False,
 ) -> list[Scene]:
-    """Scenes and halls alike, in the order of the conditions; a scene does not depend on the halls beside it.
+    """Scenes and large scenes alike, in the order of the conditions; a scene does not depend on the large scenes beside it.
 
-    Args: as of `TabletopGenerator.scenes`; halls are made by `halls_like(generator)`.
+    Args: as of `TabletopGenerator.scenes`; large scenes are made by `large_scenes_like(generator)`.
     """
     out: list[Scene] = []
-    for hall, part in groupby(conditions, is_hall):
+    for large, part in groupby(conditions, is_large):
         alike, number = list(part), first + len(out)
-        if hall:
-            halls = halls_like(generator)
+        if large:
+            large_scenes = large_scenes_like(generator)
             out += [
-                halls.scene(
+                large_scenes.scene(
                     each, seed=seed, number=number + k, max_draws=max_draws, keep_trace=keep_trace
                 )
                 for k, each in enumerate(alike)

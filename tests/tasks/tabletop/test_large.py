@@ -1,4 +1,4 @@
-"""Halls: the same requirements and the same field as on a table, of neighbours alone; and what guidance makes of them."""
+"""Large scenes: the same requirements and the same field as on a table, of neighbours alone; and what guidance makes of them."""
 
 import json
 import math
@@ -16,14 +16,14 @@ from deggflow.tasks.tabletop.condition import SceneCondition, take
 from deggflow.tasks.tabletop.condition import to_arrays as scene_arrays
 from deggflow.tasks.tabletop.field import load_field
 from deggflow.tasks.tabletop.generator import TabletopGenerator
-from deggflow.tasks.tabletop.hall import (
-    HallGenerator,
-    hall_guidance,
-    halls_like,
-    is_hall,
+from deggflow.tasks.tabletop.large import (
+    LargeSceneGenerator,
+    is_large,
+    large_scene_guidance,
+    large_scenes_like,
     make_scenes,
 )
-from deggflow.tasks.tabletop.hall.condition import (
+from deggflow.tasks.tabletop.large.condition import (
     anchors,
     decode,
     decode_exactly,
@@ -31,9 +31,9 @@ from deggflow.tasks.tabletop.hall.condition import (
     window_size,
     windows,
 )
-from deggflow.tasks.tabletop.hall.condition import to_arrays as numpy_arrays
-from deggflow.tasks.tabletop.hall.field import FADE, hall_field
-from deggflow.tasks.tabletop.hall.margins import HallMargins
+from deggflow.tasks.tabletop.large.condition import to_arrays as numpy_arrays
+from deggflow.tasks.tabletop.large.field import FADE, large_scene_field
+from deggflow.tasks.tabletop.large.margins import LargeSceneMargins
 from deggflow.tasks.tabletop.library import numbered
 from deggflow.tasks.tabletop.margins import TABLETOP
 from deggflow.tasks.tabletop.oracle import least_margin, refutes
@@ -43,7 +43,7 @@ from deggflow.tasks.tabletop.verdict import BUFFER, judge
 SLOTS = 48  # more than any of these scenes needs
 
 
-def hall(size=30, family="changed", seed=0):
+def large(size=30, family="changed", seed=0):
     return random_conditions(size, 1, family, seed)[0]
 
 
@@ -58,9 +58,9 @@ def states(condition, seed=0, spread=0.8):
 
 
 def test_repeated_types_make_a_hall():
-    assert is_hall(hall(13))
-    assert is_hall(SceneCondition(("teacup", "teacup#2")))
-    assert not is_hall(random_conditions(12, 1, "changed", 0)[0])
+    assert is_large(large(13))
+    assert is_large(SceneCondition(("teacup", "teacup#2")))
+    assert not is_large(random_conditions(12, 1, "changed", 0)[0])
 
 
 @pytest.mark.parametrize("size", [13, 100, 1000, 3000])
@@ -77,7 +77,7 @@ def test_padded_sizes_waste_little_and_are_few():
 
 
 def test_objects_are_spread_over_all_windows():
-    condition = hall(200)
+    condition = large(200)
     columns, rows = windows(condition)
     where, count = np.unique(anchors(condition), axis=0, return_counts=True)
     assert len(where) == columns * rows
@@ -88,7 +88,7 @@ def test_objects_are_spread_over_all_windows():
 
 
 def test_decoding_is_the_same_in_both_precisions():
-    condition = hall()
+    condition = large()
     z = states(condition)
     pose = decode(jnp.asarray(z), to_arrays(condition))
     exact = decode_exactly(z, condition)
@@ -99,11 +99,11 @@ def test_decoding_is_the_same_in_both_precisions():
 
 @pytest.mark.parametrize("family", ["default", "combined"])
 def test_violation_is_that_of_exact_geometry(family):
-    condition = hall(40, family)
+    condition = large(40, family)
     z = states(condition)
     with jax.enable_x64(True):
         given = to_arrays(condition)
-        found = eqx.filter_jit(HallMargins(SLOTS).violation)(
+        found = eqx.filter_jit(LargeSceneMargins(SLOTS).violation)(
             jnp.asarray(z, jnp.float64), given, BUFFER
         )
         found = np.asarray(found)
@@ -135,11 +135,11 @@ def test_violation_gradient_and_dependence_are_those_of_a_table():
         return eqx.filter_jit(jax.value_and_grad(total))(z)
 
     value, gradient = slope(TABLETOP, z, dense)
-    other, steep = slope(HallMargins(SLOTS), padded, sparse)
+    other, steep = slope(LargeSceneMargins(SLOTS), padded, sparse)
     assert float(other) == pytest.approx(float(value), rel=1e-5)
     np.testing.assert_allclose(steep[:size], gradient[:size], atol=1e-6)
     wanted = eqx.filter_jit(TABLETOP.dependence)(z, dense, BUFFER)[:size, :size]
-    pairs = eqx.filter_jit(HallMargins(SLOTS).dependence)(padded, sparse, BUFFER)
+    pairs = eqx.filter_jit(LargeSceneMargins(SLOTS).dependence)(padded, sparse, BUFFER)
     got = np.zeros((len(padded), len(padded)), bool)
     got[pairs.owner[pairs.active], pairs.agent[pairs.active]] = True
     assert np.array_equal(got[:size, :size], wanted)
@@ -153,13 +153,13 @@ def test_the_field_is_the_tables_where_everybody_is_near():
     assert np.linalg.norm(where[:, None] - where[None], axis=-1).max() < FADE
     field, tau = load_field(), jnp.float32(0.3)
     wanted = eqx.filter_jit(field)(tau, z, dense)[:6]
-    got = eqx.filter_jit(hall_field(field, SLOTS))(tau, padded, sparse)[:6]
+    got = eqx.filter_jit(large_scene_field(field, SLOTS))(tau, padded, sparse)[:6]
     np.testing.assert_allclose(got, wanted, atol=2e-5)
 
 
 def test_the_field_does_not_jump_as_a_neighbour_leaves():
     condition = SceneCondition(("teacup", "teacup#2"))
-    sparse, field = to_arrays(condition), eqx.filter_jit(hall_field(load_field(), 4))
+    sparse, field = to_arrays(condition), eqx.filter_jit(large_scene_field(load_field(), 4))
     z = np.zeros((len(sparse.mask), 3), np.float32)
 
     def push(gap):
@@ -172,13 +172,15 @@ def test_the_field_does_not_jump_as_a_neighbour_leaves():
 
 
 def test_a_list_that_is_too_short_gives_no_number():
-    condition = hall(40)
+    condition = large(40)
     z, given = jnp.asarray(states(condition, spread=0.05)), to_arrays(condition)
-    assert np.isnan(eqx.filter_jit(HallMargins(2).violation)(z, given, BUFFER)).all()
-    assert np.isnan(eqx.filter_jit(hall_field(load_field(), 2))(jnp.float32(0.5), z, given)).all()
+    assert np.isnan(eqx.filter_jit(LargeSceneMargins(2).violation)(z, given, BUFFER)).all()
+    assert np.isnan(
+        eqx.filter_jit(large_scene_field(load_field(), 2))(jnp.float32(0.5), z, given)
+    ).all()
 
 
-BIG = hall(20)
+BIG = large(20)
 
 
 @pytest.fixture(scope="module")
@@ -188,7 +190,7 @@ def generator():
 
 @pytest.fixture(scope="module")
 def mixed(generator):
-    """A scene, a hall and a scene, made in one run."""
+    """A scene, a large scene and a scene, made in one run."""
     first, second = random_conditions(5, 2, "changed", 0)
     return make_scenes(generator, [first, BIG, second], seed=1)
 
@@ -203,7 +205,7 @@ def test_a_guided_hall_holds_and_says_so(generator, mixed):
     assert record is not None
     assert record.requirements[0].name == "affordance"
     assert (record.steps, record.refused) == (130, 0)  # whatever the size
-    before = HallGenerator(generator.field, guided=False).batch(BIG, 1, 1, 0)
+    before = LargeSceneGenerator(generator.field, guided=False).batch(BIG, 1, 1, 0)
     assert judge([BIG], before.poses)[0].breaches
 
 
@@ -215,21 +217,23 @@ def test_scenes_and_halls_in_one_run(generator, mixed):
 
 def test_a_program_is_compiled_once(generator, mixed, caplog):
     with jax.log_compiles(), caplog.at_level("WARNING"):
-        HallGenerator(generator.field).batch(BIG, 1, 1, 1)
+        LargeSceneGenerator(generator.field).batch(BIG, 1, 1, 1)
         assert not [line for line in caplog.messages if "Compiling" in line]
         jax.jit(lambda x: x + 3)(jnp.ones(7))
         assert [line for line in caplog.messages if "Compiling" in line]  # it would have been told
 
 
 def test_the_path_ends_where_the_scene_is(generator, mixed):
-    path = HallGenerator(generator.field).path(BIG, 1, 1, mixed[1].certificate.draws - 1)
+    path = LargeSceneGenerator(generator.field).path(BIG, 1, 1, mixed[1].certificate.draws - 1)
     np.testing.assert_allclose(path[-1], mixed[1].poses, atol=0.05)
 
 
 def test_a_hall_takes_more_steps_in_the_same_proportion(generator):
     fewer = TabletopGenerator(generator.field, generator.guidance, steps=20, power=1.0)
-    np.testing.assert_allclose(halls_like(fewer).grid, np.linspace(0, 1, 27), atol=1e-6)
-    np.testing.assert_array_equal(halls_like(generator).grid, HallGenerator(generator.field).grid)
+    np.testing.assert_allclose(large_scenes_like(fewer).grid, np.linspace(0, 1, 27), atol=1e-6)
+    np.testing.assert_array_equal(
+        large_scenes_like(generator).grid, LargeSceneGenerator(generator.field).grid
+    )
 
 
 def test_a_hall_without_room_is_told(generator):
@@ -241,8 +245,8 @@ def test_a_hall_without_room_is_told(generator):
 
 
 def test_shared_and_private_requirements_of_a_hall(generator):
-    condition = hall(20, "balanced")
-    assert hall_guidance(balanced=True).names == ("affordance", "balance")
+    condition = large(20, "balanced")
+    assert large_scene_guidance(balanced=True).names == ("affordance", "balance")
     (scene,) = make_scenes(generator, [condition], seed=0)
     assert scene.certificate.satisfied
     assert json.loads(json.dumps(scene.to_json()))["condition"]["balance"]
@@ -250,7 +254,7 @@ def test_shared_and_private_requirements_of_a_hall(generator):
 
 @pytest.mark.parametrize("spread", [0.3, 0.8, 3.0])
 def test_the_verdict_on_many_objects_is_that_of_all_pairs(monkeypatch, spread):
-    condition = hall(60)
+    condition = large(60)
     poses = decode_exactly(states(condition, 5, spread), condition)
     quick = judge([condition], [poses])[0]
     monkeypatch.setattr(verdict_module, "_FEW", math.inf)

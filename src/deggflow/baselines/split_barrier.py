@@ -7,11 +7,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .baseline import AbstractStateless, Constraints, left, linearise
 from .relaxed_qp import relaxed_input
-from .rival import AbstractRival, Constraints, left, linearise
 
 
-class SplitBarrier(AbstractRival):
+class SplitBarrier(AbstractStateless):
     """Each agent takes 1 / k of a row that touches k agents, and gives way by a slack where it can't.
 
     The rows are those of `JointBarrier`, and so is the prescribed-time gain, where the source has a constant one:
@@ -20,7 +20,7 @@ class SplitBarrier(AbstractRival):
 
     Args:
         constraints: h.
-        gain: The method's knob.
+        gain: The method's hyperparameter.
         buffer: What is aimed at above h = 0.
         rows: Constraints that each agent looks at, the furthest from holding.
         slack: Weight of the slack variables.

@@ -1,4 +1,4 @@
-"""Ways to guide the tabletop, each with its knob and the grid over which it is swept."""
+"""Ways to guide the tabletop, each with its hyperparameters and the grid over which it is swept."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -6,6 +6,13 @@ from dataclasses import dataclass, replace
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from deggflow.baselines import (
+    DualFlow,
+    EndpointProjection,
+    JointBarrier,
+    PenaltyGradient,
+    SplitBarrier,
+)
 from deggflow.guidance import (
     AbstractAllocation,
     AbstractGuidance,
@@ -14,13 +21,6 @@ from deggflow.guidance import (
     NoGuidance,
     PowerSchedule,
 )
-from deggflow.rivals import (
-    DualFlow,
-    EndpointProjection,
-    JointBarrier,
-    PenaltyGradient,
-    SplitBarrier,
-)
 from deggflow.step_guard import StepGuard
 
 from .condition import TabletopCondition
@@ -28,7 +28,6 @@ from .margins import TABLETOP, scene_margins
 from .requirements import LOCAL, OWN, POOLED, affordance
 from .verdict import BUFFER
 
-COLUMNS = 32  # of multipliers per object; hold all constraints of every padded size
 TUNED = (
     8  # objects of the scenes at which settings were found; larger ones have those found at N = 12
 )
@@ -43,8 +42,8 @@ def flat_margins(
 
 
 @dataclass(frozen=True)
-class Way:
-    """One way to guide, at one setting of its knob."""
+class BaselineRun:
+    """One way to guide, at one setting of its hyperparameters."""
 
     guidance: AbstractGuidance
     guard: StepGuard | None = None
@@ -52,61 +51,69 @@ class Way:
     draws: int = 1  # samples drawn at most, until one satisfies
 
 
-Knob = Mapping[str, float]
+Hyperparameters = Mapping[str, float]
 
 
 @dataclass(frozen=True)
 class Method:
-    """A way to guide with the knob it has: what it knows, where it comes from, which settings are tried."""
+    """A way to guide with the hyperparameters it has: what it information_required, where it comes from, which settings are tried."""
 
     name: str
     source: str
-    knows: str  # what an agent, or whoever computes its input, must know besides its own state and field
-    make: Callable[[Knob], Way]
-    default: Knob  # of ours: what ships; of rivals: the best of the grid at N = 8
-    grid: tuple[Knob, ...]
+    information_required: str  # what an agent, or whoever computes its input, must know besides its own state and field
+    make: Callable[[Hyperparameters], BaselineRun]
+    default: Hyperparameters  # of ours: what ships; of baselines: the best of the grid at N = 8
+    grid: tuple[Hyperparameters, ...]
     ours: bool = False
-    crowded: Knob | None = None  # of rivals: the best of the grid at N = 12, if it is another
+    crowded: Hyperparameters | None = (
+        None  # of baselines: the best of the grid at N = 12, if it is another
+    )
 
-    def chosen(self, size: int) -> Knob:
+    def chosen(self, size: int) -> Hyperparameters:
         """The setting that tables use for so many objects."""
         return self.crowded if self.crowded is not None and size > TUNED else self.default
 
 
-def _number(knob: Knob, name: str) -> Float[Array, ""]:
-    return jnp.asarray(knob[name], jnp.float32)  # not static: one program for all settings
+def _number(hyperparameters: Hyperparameters, name: str) -> Float[Array, ""]:
+    return jnp.asarray(
+        hyperparameters[name], jnp.float32
+    )  # not static: one program for all settings
 
 
-def _ours(allocation: AbstractAllocation, *, reanchored: bool) -> Callable[[Knob], Way]:
-    def make(knob: Knob) -> Way:
-        buffer, power = knob["buffer"], knob["power"]
+def _ours(
+    allocation: AbstractAllocation, *, reanchored: bool
+) -> Callable[[Hyperparameters], BaselineRun]:
+    def make(hyperparameters: Hyperparameters) -> BaselineRun:
+        buffer, power = hyperparameters["buffer"], hyperparameters["power"]
         omega = LinearSchedule() if power == 1 else PowerSchedule(power)
         requirement = affordance(allocation, buffer=buffer, reanchored=reanchored, omega=omega)
-        return Way(DecoupledGuidance((requirement,)), StepGuard())
+        return BaselineRun(DecoupledGuidance((requirement,)), StepGuard())
 
     return make
 
 
-def _joint(knob: Knob) -> Way:
-    return Way(JointBarrier(flat_margins, _number(knob, "gain"), AHEAD))
+def _joint(hyperparameters: Hyperparameters) -> BaselineRun:
+    return BaselineRun(JointBarrier(flat_margins, _number(hyperparameters, "gain"), AHEAD))
 
 
-def _corrected(knob: Knob) -> Way:
-    return replace(_joint(knob), pull=_number(knob, "pull"))
+def _corrected(hyperparameters: Hyperparameters) -> BaselineRun:
+    return replace(_joint(hyperparameters), pull=_number(hyperparameters, "pull"))
 
 
-def _corrected_by_ours(knob: Knob) -> Way:
-    return replace(_ours(POOLED, reanchored=True)(knob), pull=_number(knob, "pull"))
+def _corrected_by_ours(hyperparameters: Hyperparameters) -> BaselineRun:
+    return replace(
+        _ours(POOLED, reanchored=True)(hyperparameters), pull=_number(hyperparameters, "pull")
+    )
 
 
-def _dual(knob: Knob) -> Way:
-    numbers = (_number(knob, "gain"), _number(knob, "damping"))
-    return Way(DualFlow(flat_margins, COLUMNS, *numbers, buffer=AHEAD))
+def _dual(hyperparameters: Hyperparameters) -> BaselineRun:
+    numbers = (_number(hyperparameters, "gain"), _number(hyperparameters, "damping"))
+    return BaselineRun(DualFlow(flat_margins, *numbers, buffer=AHEAD))
 
 
-def _projected(knob: Knob) -> Way:
-    start, iterations = _number(knob, "start"), int(knob["iterations"])
-    return Way(EndpointProjection(flat_margins, iterations, start, AHEAD))
+def _projected(hyperparameters: Hyperparameters) -> BaselineRun:
+    start, iterations = _number(hyperparameters, "start"), int(hyperparameters["iterations"])
+    return BaselineRun(EndpointProjection(flat_margins, iterations, start, AHEAD))
 
 
 def _violation(
@@ -115,23 +122,27 @@ def _violation(
     return TABLETOP.violation(z, condition, BUFFER)
 
 
-def _penalty(knob: Knob) -> Way:
-    return Way(PenaltyGradient(_violation, _number(knob, "gain")))
+def _penalty(hyperparameters: Hyperparameters) -> BaselineRun:
+    return BaselineRun(PenaltyGradient(_violation, _number(hyperparameters, "gain")))
 
 
-def _split(knob: Knob) -> Way:
-    return Way(SplitBarrier(flat_margins, _number(knob, "gain"), AHEAD))
+def _split(hyperparameters: Hyperparameters) -> BaselineRun:
+    return BaselineRun(SplitBarrier(flat_margins, _number(hyperparameters, "gain"), AHEAD))
 
 
-def _rejection(knob: Knob) -> Way:
-    return Way(NoGuidance(), draws=int(knob["draws"]))
+def _rejection(hyperparameters: Hyperparameters) -> BaselineRun:
+    return BaselineRun(NoGuidance(), draws=int(hyperparameters["draws"]))
 
 
-def _grid(**values: tuple[float, ...]) -> tuple[Knob, ...]:
-    knobs: list[dict[str, float]] = [{}]
+def _grid(**values: tuple[float, ...]) -> tuple[Hyperparameters, ...]:
+    hyperparameters: list[dict[str, float]] = [{}]
     for name, choices in values.items():
-        knobs = [{**knob, name: value} for knob in knobs for value in choices]
-    return tuple(knobs)
+        hyperparameters = [
+            {**hyperparameters, name: value}
+            for hyperparameters in hyperparameters
+            for value in choices
+        ]
+    return tuple(hyperparameters)
 
 
 _SHIPPED = {"buffer": BUFFER, "power": 1.0}  # the paper's delta, and its omega = 0.1 + 1.8 tau
@@ -157,7 +168,7 @@ PROPOSED = (
         _ours(OWN, reanchored=False), _SHIPPED, (_SHIPPED,), ours=True,
     ),
 )  # fmt: skip
-RIVALS = (
+BASELINES = (
     Method(
         "joint barrier QP", "SafeFlow, arXiv:2504.08661", "all states and fields, in one solver",
         _joint, {"gain": 2.0}, _GAINS, crowded={"gain": 1.0},
@@ -191,4 +202,4 @@ RIVALS = (
         _rejection, {"draws": 16.0}, _grid(draws=(1.0, 4.0, 16.0)),
     ),
 )  # fmt: skip
-METHODS = (*PROPOSED, *RIVALS)
+METHODS = (*PROPOSED, *BASELINES)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from deggflow.tasks.bridge import factors
 from deggflow.tasks.bridge.condition import BridgeCondition, Scales, observe
-from deggflow.tasks.bridge.readings import Readings, safe_value, task_value
+from deggflow.tasks.bridge.observations import Observations, safe_value, task_value
 from deggflow.tasks.bridge.scenes import random_condition
 
 SIZES = (2, 4, 5, 8)
@@ -32,7 +32,7 @@ def test_readings_are_those_that_the_field_is_trained_on(robots, seed):
     pose, goal = rng.uniform([-7, -3, -7], [6.8, 3, 7]), rng.uniform([-7, -3, -7], [6.8, 3, 7])
     twist, ahead = rng.normal(size=3), rng.normal(size=(20, 3))
     contacts = np.array(condition.contacts)
-    rows = Readings(contacts, goal, scales)(pose, twist, ahead)
+    rows = Observations(contacts, goal, scales)(pose, twist, ahead)
     with jax.enable_x64(True):
         leaves = pose, twist, goal, contacts, np.ones(robots, bool), ahead
         seen = observe(BridgeCondition(*(jnp.asarray(leaf) for leaf in leaves)), scales)
@@ -49,10 +49,10 @@ def test_factors_are_those_of_the_guidance(seed):
     rng = np.random.default_rng(seed)
     contacts = np.array(random_condition(4, rng).contacts)
     pose = rng.uniform([-7, -3, -7], [6.8, 3, 7])
-    readings = Readings(contacts, pose, Scales())
+    observations = Observations(contacts, pose, Scales())
     with jax.enable_x64(True):
         task = factors.task_factor(jnp.asarray(pose))
-        centres, mask = jnp.asarray(readings.centres), jnp.ones(4, bool)
+        centres, mask = jnp.asarray(observations.centres), jnp.ones(4, bool)
         safe = factors.safe_factor(jnp.asarray(pose)[None], centres, mask)
     assert task_value(pose) == pytest.approx(float(task), abs=1e-10)
-    assert safe_value(pose, readings.places(pose)) == pytest.approx(float(safe), abs=1e-10)
+    assert safe_value(pose, observations.places(pose)) == pytest.approx(float(safe), abs=1e-10)

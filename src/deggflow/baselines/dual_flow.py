@@ -1,0 +1,79 @@
+"""Multipliers that flow along with the sample: a Lagrangian's saddle-point dynamics."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from deggflow.guidance import GuidanceReport, report_without_rows
+
+from .baseline import AbstractBaseline, Constraints, left, of_moving
+
+
+class Multipliers(NamedTuple):
+    """The dual variables at the last point.
+
+    Attributes:
+        value: lambda >= 0.
+        rate: dlambda/dtau there.
+        tau: Where that was.
+    """
+
+    value: Float[Array, " constraints"]
+    rate: Float[Array, " constraints"]
+    tau: Float[Array, ""]
+
+
+class DualFlow(AbstractBaseline):
+    """dz/dtau = f - sum_k lambda_k grad g_k / (1 - tau), dlambda_k/dtau = gain g_k / (1 - tau), lambda >= 0.
+
+    Required is g = buffer - h <= 0. With `damping` the Lagrangian is an augmented one: damping [g_k]_+ is added to each
+    multiplier, without which such dynamics oscillate. Divided by 1 - tau, both settle in prescribed time. The multipliers
+    are the state of the guidance, and are carried from point to point by explicit Euler steps. Each agent needs the
+    states and multipliers of its neighbours.
+
+    Attributes:
+        constraints: h.
+        gain: Of the multipliers; the method's hyperparameter.
+        damping: Of the augmented term.
+        buffer: What is aimed at above h = 0.
+
+    Source: saddle-point dynamics (Arrow, Hurwicz, Uzawa, 1958) along a flow, as Lagrangian dual flows do.
+    """
+
+    constraints: Constraints
+    gain: float | Float[Array, ""] = 2.0
+    damping: float | Float[Array, ""] = 4.0
+    buffer: float = eqx.field(static=True, default=0.0)
+
+    def init(
+        self,
+        z0: Float[Array, "agents dim"],
+        condition: Any,
+        mask: Bool[Array, " agents"] | None = None,
+    ) -> Multipliers:
+        """Multipliers of zero."""
+        none = jnp.zeros(jax.eval_shape(self.constraints, z0, condition).shape, z0.dtype)
+        return Multipliers(none, none, jnp.zeros((), z0.dtype))
+
+    def __call__(
+        self,
+        state: Multipliers,
+        tau: Float[Array, ""],
+        z: Float[Array, "agents dim"],
+        drift: Float[Array, "agents dim"],
+        condition: Any,
+        moving: Bool[Array, " agents"] | None = None,
+    ) -> tuple[Multipliers, Float[Array, "agents dim"], GuidanceReport]:
+        """Downhill on the Lagrangian for the sample, uphill for the multipliers."""
+        margin, pull = jax.vjp(lambda x: self.constraints(x, condition), z)
+        violation = self.buffer - margin
+        value = state.value + (tau - state.tau) * state.rate
+        multiplier = jnp.maximum(value, 0.0)
+        (down,) = pull((multiplier + self.damping * jnp.maximum(violation, 0.0)) / left(tau))
+        grows = (violation > 0) | (multiplier > 0)
+        rate = jnp.where(grows, self.gain / left(tau) * violation, 0.0)
+        u = of_moving(down, moving)
+        return Multipliers(value, rate, tau), u, report_without_rows(drift, u)
