@@ -87,6 +87,7 @@ class Tally:
             self.refused += refused
             if problem is not None:
                 self.problems.append(f"{job.name}, seed {seed}, {kind}: {problem}")
+                print(self.problems[-1], file=sys.stderr, flush=True)
 
 
 def jobs() -> list[Job]:
