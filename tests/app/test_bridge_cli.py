@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from deggflow.app.remake import bridge_commands
 from deggflow.tasks.bridge import training
 from deggflow.tasks.bridge.formats import read_trials
 from deggflow.tasks.bridge.oracle import refutation
@@ -374,7 +375,7 @@ def test_the_cards_commands_are_what_a_user_types(inside, monkeypatch, tmp_path)
     """Data are made; the training itself is too long for a test, so what it is asked for is looked at."""
     asked = []
 
-    def train_field(data, out, config, show):
+    def train_field(data, out, config, show, *, commands):
         out.mkdir()
         (out / "curves.csv").write_text("step,training,validation\n500,1.0,2.0\n")
         asked.append((data, out, config))
@@ -382,7 +383,7 @@ def test_the_cards_commands_are_what_a_user_types(inside, monkeypatch, tmp_path)
     monkeypatch.setattr(training, "train_field", train_field)
     config = TrainingConfig(steps=1500, batch=32, learning_rate=2e-3, seed=4)
     recipe = {"sizes": [4, 5, 6], "training": 2, "validation": 1, "seed": 3}
-    for command in training.commands(recipe, config):
+    for command in bridge_commands(recipe, config, [config.steps]):
         name, *arguments = command.split()
         assert name == "deggflow"
         found = inside(*arguments)

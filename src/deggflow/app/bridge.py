@@ -79,8 +79,10 @@ def train(
     config = training_config(steps, batch, learning_rate, seed)
     from deggflow.tasks.bridge.training import train_field
 
+    from .remake import bridge_commands
+
     with shown_training(steps, out) as show:
-        train_field(data, out, config, show)
+        train_field(data, out, config, show, commands=bridge_commands)
     console().print(f"Weights, card and curves are in {out}.")
     return SATISFIED
 
@@ -327,18 +329,18 @@ def render(
     chosen = lines or tuple(range(1, min(len(found), 12) + 1))
     for line in chosen:
         in_range("lines", line, 1, len(found))
-    from .bridge_pictures import RenderOptions, draw
+    from .bridge_pictures import RenderOptions, write_pictures
 
     field = _load_field(weights) if nominal or curves else None
     generators: dict[float | None, BridgeGenerator] = {}
-    wishes = RenderOptions(nominal, process, video, curves, renderer)
+    options = RenderOptions(nominal, process, video, curves, renderer)
     for line in chosen:
         trial, generator = found[line - 1], None
         if field is not None:
             limit = trial.certificate.speed_limit
             generator = generators.setdefault(limit, make_generator(field, "degg", limit))
         try:
-            for path in draw(trial, line, out, wishes, generator):
+            for path in write_pictures(trial, line, out, options, generator):
                 print(path, flush=True)
         except InputError as error:
             raise InputError(error.reason, file=trials, line=line) from None

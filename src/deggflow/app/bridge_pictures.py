@@ -3,13 +3,13 @@
 from pathlib import Path
 from typing import NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import UInt8
 
 from deggflow.jsonl import InputError
 from deggflow.tasks.bridge.assembly import Surroundings, assemble, surroundings
 from deggflow.tasks.bridge.condition import BridgeCondition
+from deggflow.tasks.bridge.courses import Course, guided_course
 from deggflow.tasks.bridge.generator import BridgeGenerator
 from deggflow.tasks.bridge.policies import initial_noise
 from deggflow.tasks.bridge.trial import Trial
@@ -62,35 +62,35 @@ def regenerate(generator: BridgeGenerator, trial: Trial, line: int) -> list[Brid
     )
 
 
-def draw(
-    trial: Trial, line: int, out: Path, wishes: RenderOptions, generator: BridgeGenerator | None
+def write_pictures(
+    trial: Trial, line: int, out: Path, options: RenderOptions, generator: BridgeGenerator | None
 ) -> list[Path]:
-    """Writes `trial_<line>.png` into a folder and, beside it, what else is wished; returns the paths.
+    """Writes `trial_<line>.png` into a folder and, beside it, what else is asked for; returns the paths.
 
     Args:
         trial: The trial.
         line: Its line in the file, from 1.
         out: The folder.
-        wishes: What is to be drawn.
+        options: What is to be drawn.
         generator: What made the trial; needed for nominal trials and curves.
     """
     conditions = None if generator is None else regenerate(generator, trial, line)
-    around = surroundings(trial.condition, trial.seed, line, drives=wishes.process)
+    around = surroundings(trial.condition, trial.seed, line, drives=options.process)
     if around.lacking is not None:
         _tell(f"Trial {line} is shown from its contact points on: {around.lacking}.")
-    twin = _twin(generator, trial, line) if wishes.nominal and generator is not None else None
+    twin = _twin(generator, trial, line) if options.nominal and generator is not None else None
     path = out / f"trial_{line:04d}.png"
     written = [path]
-    save_png(path, _building(trial, twin, around._replace(drive=None), wishes.renderer))
-    process = assemble(trial, around) if wishes.process or wishes.video else None
-    if wishes.process and process is not None:
+    save_png(path, _building(trial, twin, around._replace(drive=None), options.renderer))
+    process = assemble(trial, around) if options.process or options.video else None
+    if options.process and process is not None:
         written.append(path.with_stem(f"{path.stem}_process"))
-        save_png(written[-1], snapshots(process, renderer=wishes.renderer))
-    if wishes.video and process is not None:
+        save_png(written[-1], snapshots(process, renderer=options.renderer))
+    if options.video and process is not None:
         written.append(path.with_suffix(".mp4"))
         left = None if twin is None else assemble(twin, around)
-        write_process_video(written[-1], process, left=left, renderer=wishes.renderer)
-    if wishes.curves and generator is not None and conditions is not None:
+        write_process_video(written[-1], process, left=left, renderer=options.renderer)
+    if options.curves and generator is not None and conditions is not None:
         written += _draw_curves(generator, trial, line, conditions, path)
     return written
 
@@ -129,32 +129,16 @@ def _caption(trial: Trial) -> str:
     return f"bridge built in {len(trial.twists) * DT:.1f} s, {spare:.0f} mm to spare"
 
 
-class _Course(NamedTuple):
-    """One policy's generation."""
-
-    title: str
-    tau: np.ndarray
-    values: np.ndarray  # q_task, q_safe
-    bounds: np.ndarray
-
-
-def _course(
+def _titled_course(
     generator: BridgeGenerator, trial: Trial, line: int, condition: BridgeCondition, policy: int
-) -> _Course:
+) -> tuple[str, Course]:
+    """One policy's generation, and what stands above its curves."""
     record = trial.certificate.policies[policy]
     draw_number = record.draws - 1 if record.accepted else 0
     noise = initial_noise(trial.seed, np.array([line - 1]), policy, draw_number)
-    policies = generator.of_draw(draw_number + 1)
-    trace = policies.trace(noise[0], condition)
-    end = policies.batch(noise, jax.tree.map(lambda leaf: leaf[None], condition))
-    before = np.asarray(trace.tau) < 1.0  # the end is taken in float64
+    course = guided_course(generator.of_draw(draw_number + 1), noise[0], condition)
     refused = "" if record.accepted else ", refused"
-    return _Course(
-        f"policy {policy + 1}, at {policy * EXECUTED * DT:.1f} s{refused}",
-        np.append(np.asarray(trace.tau)[before], 1.0),
-        np.vstack([np.asarray(trace.value)[before], [end.q_task[0], end.q_safe[0]]]),
-        np.vstack([np.asarray(trace.bound)[before], [end.bound[0], 0.0]]),
-    )
+    return f"policy {policy + 1}, at {policy * EXECUTED * DT:.1f} s{refused}", course
 
 
 def _draw_curves(
@@ -170,12 +154,12 @@ def _draw_curves(
         _tell(f"Trial {line} has no policies, so it has no curves.")
         return []
     chosen = sorted({0, last // 2, last})
-    courses = [_course(generator, trial, line, conditions[k], k) for k in chosen]
+    courses = [_titled_course(generator, trial, line, conditions[k], k) for k in chosen]
     written = []
     for row, name, label in ((0, "task", r"$q_\mathrm{task}$"), (1, "safe", r"$q_\mathrm{safe}$")):
         shown = [
-            BoundPanel(c.title, c.tau, c.values[:, row], c.bounds[:, row], c.bounds[-1, row])
-            for c in courses
+            BoundPanel(title, c.tau, c.value[:, row], c.bound[:, row], c.bound[-1, row])
+            for title, c in courses
         ]
         written.append(path.with_stem(f"{path.stem}_q_{name}"))
         draw_bounds(written[-1], shown, ylabel=label)

@@ -29,7 +29,7 @@ def demo(out: Path = Path("demo"), count: int = 8, size: int = 8, seed: int = 0)
     from deggflow.tasks.tabletop.changes import random_conditions
     from deggflow.tasks.tabletop.generator import TabletopGenerator
 
-    from .pictures import draw, regenerate
+    from .pictures import regenerate, write_pictures
     from .tabletop import make_generator
 
     generator = make_generator(None, "degg")
@@ -58,7 +58,7 @@ def demo(out: Path = Path("demo"), count: int = 8, size: int = 8, seed: int = 0)
     for line, scene in enumerate(guided, start=1):
         target, first = out / f"scene_{line:04d}.png", line == 1
         generations = regenerate(generator, scene, line)
-        draw(scene, target, "auto", generations, nominal=True, video=first, mjcf=first)
+        write_pictures(scene, target, "auto", generations, nominal=True, video=first, mjcf=first)
     output().print(
         f"Scenes: {out / 'scenes.jsonl'}\n"
         f"Pictures, nominal beside guided: {out / 'scene_0001.png'} to {out / f'scene_{count:04d}.png'}\n"

@@ -82,7 +82,7 @@ def view_of(condition: SceneCondition, renderer: Renderer) -> View:
     return View("matplotlib" if renderer == "auto" else renderer, *size)
 
 
-def draw(
+def write_pictures(
     scene: Scene,
     target: Path,
     renderer: Renderer,

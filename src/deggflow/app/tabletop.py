@@ -97,9 +97,11 @@ def train(
     config = training_config(steps, batch, learning_rate, seed)
     from deggflow.tasks.tabletop.training import train_field
 
+    from .remake import tabletop_commands
+
     architecture = {"width": width, "rounds": rounds, "head_width": head_width}
     with shown_training(steps, out) as show:
-        train_field(data, out, config, architecture, show)
+        train_field(data, out, config, architecture, show, commands=tabletop_commands(architecture))
     console().print(f"Weights, card and curves are in {out}.")
     return SATISFIED
 
@@ -331,7 +333,7 @@ def render(
     chosen = lines or tuple(range(1, min(len(found), 12) + 1))
     for line in chosen:
         in_range("lines", line, 1, len(found))
-    from .pictures import draw, regenerate
+    from .pictures import regenerate, write_pictures
 
     prepare_jax()
     generator = make_generator(weights, "degg") if nominal or video else None
@@ -342,7 +344,7 @@ def render(
         except InputError as error:
             raise InputError(error.reason, file=scenes, line=line) from None
         target = out / f"scene_{line:04d}.png"
-        for path in draw(
+        for path in write_pictures(
             scene, target, renderer, generations, nominal=nominal, video=video, mjcf=mjcf
         ):
             print(path)

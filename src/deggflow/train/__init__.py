@@ -2,12 +2,13 @@
 
 from .folder import read_curves, run_segments
 from .loop import TrainingState, train
-from .settings import Augment, Curve, Dataset, SampleLoss, TrainingConfig
+from .settings import Augment, Curve, Dataset, Remake, SampleLoss, TrainingConfig
 
 __all__ = [
     "Augment",
     "Curve",
     "Dataset",
+    "Remake",
     "SampleLoss",
     "TrainingConfig",
     "TrainingState",

@@ -1,7 +1,7 @@
 """What a training run is given and what it tells: data, settings, points of the curves."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -58,6 +58,10 @@ class TrainingConfig:
                 f"`steps` must be a positive multiple of `validate_every` ({self.validate_every}), "
                 f"as checkpoints are written there; got {self.steps!r}."
             )
+
+
+Remake = Callable[[Mapping[str, Any], TrainingConfig, Sequence[int]], list[str]]
+"""(recipe of the data, settings, ends of the segments) -> commands that train the same weights again."""
 
 
 class Curve(NamedTuple):

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from deggflow.app.remake import bridge_commands
 from deggflow.jsonl import InputError
 from deggflow.tasks.bridge.codec import spline_matrix
 from deggflow.tasks.bridge.condition import Scales, to_arrays
@@ -102,7 +103,7 @@ def data(tmp_path_factory):
 def run(data, tmp_path_factory):
     """A tiny training run: the folder and the field."""
     out = tmp_path_factory.mktemp("bridge") / "run"
-    return out, train_field(data, out, CONFIG)
+    return out, train_field(data, out, CONFIG, commands=bridge_commands)
 
 
 def test_training_lowers_the_loss(run):
@@ -129,13 +130,13 @@ def test_a_finished_run_is_not_trained_again(run, data):
     """Read from its last checkpoint: the same weights, to the bit."""
     out, _ = run
     before = (out / "field.safetensors").read_bytes()
-    train_field(data, out, CONFIG)
+    train_field(data, out, CONFIG, commands=bridge_commands)
     assert (out / "field.safetensors").read_bytes() == before
 
 
 def test_a_finished_run_is_extended_and_its_card_says_so(run, data, tmp_path):
     out = shutil.copytree(run[0], tmp_path / "run")
-    train_field(str(data), str(out), replace(CONFIG, steps=60))
+    train_field(str(data), str(out), replace(CONFIG, steps=60), commands=bridge_commands)
     card = json.loads((out / "field.json").read_text())
     assert card["training"]["steps"] == 60
     assert card["training"]["segments"] == [40, 60]

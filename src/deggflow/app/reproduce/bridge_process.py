@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from deggflow.tasks.bridge.assembly import assemble, surroundings
+from deggflow.tasks.bridge.courses import guided_course
 from deggflow.tasks.bridge.field import BridgeField, load_field
 from deggflow.tasks.bridge.generator import BridgeGenerator, Replay
 from deggflow.tasks.bridge.policies import initial_noise
@@ -17,7 +18,6 @@ from deggflow.tasks.bridge.world import DT, EXECUTED
 from deggflow.view.bridge import BoundPanel, bounds_figure, picture, picture_column
 from deggflow.view.bridge.pictures import telling_ticks
 
-from .bridge_courses import guided_course
 from .experiment import UNMET, DataTable, Finding, Plot, Progress, Section, Settings
 
 if TYPE_CHECKING:

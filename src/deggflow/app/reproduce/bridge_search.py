@@ -10,6 +10,7 @@ from jaxtyping import Float
 from deggflow.guidance import DecoupledGuidance
 from deggflow.tasks.bridge.assembly import surroundings
 from deggflow.tasks.bridge.condition import BridgeCondition
+from deggflow.tasks.bridge.courses import SAFE, guided_course, nominal_values
 from deggflow.tasks.bridge.evaluate import failure_kind
 from deggflow.tasks.bridge.field import BridgeField
 from deggflow.tasks.bridge.generator import BridgeGenerator, Replay
@@ -20,7 +21,6 @@ from deggflow.tasks.bridge.trial import Trial
 from deggflow.tasks.bridge.verdict import margins
 from deggflow.tasks.bridge.world import DT, EXECUTED
 
-from .bridge_courses import SAFE, guided_course, nominal_values
 from .experiment import UNMET, Progress
 
 MOST = 512  # trials looked at

@@ -5,6 +5,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from deggflow.app.remake import bridge_commands, tabletop_commands
 from deggflow.train import Curve, TrainingConfig
 from deggflow.weights import load_card
 
@@ -90,13 +91,14 @@ def _bridge_data(plan: Plan, data: Path, told: Callable[[int, int], None]) -> No
 def _train_tabletop(plan: Plan, data: Path, run: Path, show: Shown) -> None:
     from deggflow.tasks.tabletop.training import train_field
 
-    train_field(data, run, plan.config, plan.architecture, show)
+    commands = tabletop_commands(plan.architecture)
+    train_field(data, run, plan.config, plan.architecture, show, commands=commands)
 
 
 def _train_bridge(plan: Plan, data: Path, run: Path, show: Shown) -> None:
     from deggflow.tasks.bridge.training import train_field
 
-    train_field(data, run, plan.config, show)
+    train_field(data, run, plan.config, show, commands=bridge_commands)
 
 
 _DATA = {"tabletop": _tabletop_data, "bridge": _bridge_data}

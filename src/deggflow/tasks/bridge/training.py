@@ -1,6 +1,6 @@
 """The bridge field's training run: demonstrations in, weights with their card out."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from deggflow.files import StrPath
 from deggflow.flow import Field, LinearPath
 from deggflow.jsonl import InputError
 from deggflow.output import run_settings
-from deggflow.train import Curve, TrainingConfig, run_segments, train
+from deggflow.train import Curve, Remake, TrainingConfig, run_segments, train
 from deggflow.weights import save_weights
 
 from .codec import decode_twists
@@ -62,6 +62,8 @@ def train_field(
     out: StrPath,
     config: TrainingConfig,
     on_progress: Callable[[Curve], None] = lambda curve: None,
+    *,
+    commands: Remake | None = None,
 ) -> eqx.Module:
     """Trains, completes a killed run or extends a finished one; writes `field.safetensors` and its card `field.json`.
 
@@ -70,6 +72,7 @@ def train_field(
         out: Folder of the run, as `deggflow.train.train` keeps it.
         config: Settings; more steps than a finished run has extend it.
         on_progress: Called at each point of the curves.
+        commands: What the card says of how to train these weights again; nothing if None.
 
     Raises:
         InputError: The data are not as they should be, or `out` holds a run on other data.
@@ -96,7 +99,7 @@ def train_field(
         "parameters": sum(leaf.size for leaf in jax.tree.leaves(eqx.filter(trained, eqx.is_array))),
         "data": {**recipe, "windows": len(training.mask)},
         "training": asdict(config) | ({"segments": segments} if segments[1:] else {}),
-        "commands": commands(recipe, config, segments),
+        **({} if commands is None else {"commands": commands(recipe, config, segments)}),
         "loss": "L_MAC + 0.16 L_motion + 0.45 L_twist, tau ~ Unif[0, 1], z(0) ~ N(0, I)",
         "figures": {"training_loss": curves[-1].training, "validation_loss": curves[-1].validation},
         "scales": scales._asdict(),
@@ -108,20 +111,3 @@ def train_field(
 def _recipe(data: Path) -> dict[str, Any]:
     made = run_settings(data / "training.jsonl")
     return {"source": "demonstrations not made by `deggflow bridge data`"} if made is None else made
-
-
-def commands(
-    recipe: dict[str, Any], config: TrainingConfig, segments: Sequence[int] = ()
-) -> list[str]:
-    """What a user types to train these weights again; `segments` as `run_segments`, one of `config.steps` if not given."""
-    made = " ".join(
-        f"--{name} {recipe[name]}" for name in ("training", "validation", "seed") if name in recipe
-    )
-    return [
-        f"deggflow bridge data --out data {made}",
-        *(
-            f"deggflow bridge train --data data --out run --steps {steps} --batch {config.batch} "
-            f"--learning-rate {config.learning_rate} --seed {config.seed}"
-            for steps in segments or (config.steps,)
-        ),
-    ]

@@ -1,6 +1,6 @@
 """The tabletop field's training run: data in, weights with their card out."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ import jax
 from deggflow.files import StrPath
 from deggflow.jsonl import InputError
 from deggflow.output import run_settings
-from deggflow.train import Curve, TrainingConfig, run_segments, train
+from deggflow.train import Curve, Remake, TrainingConfig, run_segments, train
 from deggflow.weights import save_weights
 
 from .data import load_dataset
@@ -25,6 +25,8 @@ def train_field(
     config: TrainingConfig,
     architecture: dict[str, int],
     on_progress: Callable[[Curve], None] = lambda curve: None,
+    *,
+    commands: Remake | None = None,
 ) -> eqx.Module:
     """Trains, completes a killed run or extends a finished one; writes `field.safetensors` and its card `field.json`.
 
@@ -34,6 +36,7 @@ def train_field(
         config: Settings; more steps than a finished run has extend it.
         architecture: `width`, `rounds` and `head_width` of the field.
         on_progress: Called at each point of the curves.
+        commands: What the card says of how to train these weights again; nothing if None.
 
     Raises:
         InputError: The data are not as they should be, or `out` holds a run on other data or of another field.
@@ -62,7 +65,7 @@ def train_field(
         "parameters": sum(leaf.size for leaf in jax.tree.leaves(eqx.filter(trained, eqx.is_array))),
         "data": recipe,
         "training": asdict(config) | ({"segments": segments} if segments[1:] else {}),
-        "commands": _commands(recipe, config, architecture, segments),
+        **({} if commands is None else {"commands": commands(recipe, config, segments)}),
         "loss": "L_MAC, tau ~ Unif[0, 1], z(0) ~ N(0, I), the table's four symmetries drawn at random",
         "figures": {"training_loss": curves[-1].training, "validation_loss": curves[-1].validation},
     }
@@ -73,33 +76,3 @@ def train_field(
 def _recipe(data: Path) -> dict[str, Any]:
     made = run_settings(data / "training.jsonl")
     return {"source": "scenes not made by `deggflow tabletop data`"} if made is None else made
-
-
-def _commands(
-    recipe: dict[str, Any],
-    config: TrainingConfig,
-    architecture: dict[str, int],
-    segments: Sequence[int],
-) -> list[str]:
-    """What a user types to train these weights again."""
-    made = ("training", "validation", "clearance", "seed")
-    options = {
-        "data": {name: recipe[name] for name in made if name in recipe},
-        "train": {
-            "batch": config.batch,
-            "learning-rate": config.learning_rate,
-            "seed": config.seed,
-            **architecture,
-        },
-    }
-    words = {
-        command: " ".join(f"--{name.replace('_', '-')} {value}" for name, value in given.items())
-        for command, given in options.items()
-    }
-    return [
-        f"deggflow tabletop data --out data {words['data']}",
-        *(
-            f"deggflow tabletop train --data data --out run --steps {steps} {words['train']}"
-            for steps in segments
-        ),
-    ]

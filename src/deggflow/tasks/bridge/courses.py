@@ -10,10 +10,11 @@ from jaxtyping import Array, Float
 
 from deggflow.generation import generate
 from deggflow.guidance import DecoupledGuidance, NoGuidance
-from deggflow.tasks.bridge.condition import BridgeCondition
-from deggflow.tasks.bridge.field import BridgeField
-from deggflow.tasks.bridge.policies import PolicyGenerator
-from deggflow.tasks.bridge.world import MAX_ROBOTS
+
+from .condition import BridgeCondition
+from .field import BridgeField
+from .policies import PolicyGenerator
+from .world import MAX_ROBOTS
 
 FACTORS = ("task", "safe")  # rows of the guidance, in this order
 SAFE = FACTORS.index("safe")
