@@ -13,7 +13,6 @@ import argparse
 import json
 import os
 import random
-import resource
 import shutil
 import signal
 import subprocess
@@ -30,6 +29,15 @@ from typing import Any
 
 CHAIN = 8  # faults that hit the same files
 PATIENCE = 600.0  # s, for one process on a slow machine
+LIMITED = """
+import resource, sys
+
+room = int(sys.argv.pop(1))
+resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
+from deggflow.app.start import main
+
+main()
+"""  # files may not grow beyond some size: as on a full disk, a write fails in its middle
 STOPPED = {-signal.SIGKILL, -signal.SIGINT, 130}
 
 
@@ -135,16 +143,15 @@ class Stage:
 
     def start(self, folder: Path, *arguments: object, room: int | None = None) -> Any:
         """A command as a process; files may not become larger than `room` bytes."""
-
-        def limit() -> None:
-            if room is not None:
-                resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
-
+        begin = ["-m", "deggflow.app.start"] if room is None else ["-c", LIMITED, str(room)]
         return subprocess.Popen(
-            [sys.executable, "-m", "deggflow.app.start", *map(str, arguments)],
-            cwd=folder, env=self.environment, text=True, preexec_fn=limit,
-            stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
-        )  # fmt: skip
+            [sys.executable, *begin, *map(str, arguments)],
+            cwd=folder,
+            env=self.environment,
+            text=True,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+        )
 
     def run(self, folder: Path, *arguments: object) -> tuple[int, str]:
         """A command to its end: exit code, and what it said on stderr."""

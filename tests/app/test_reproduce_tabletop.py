@@ -195,7 +195,7 @@ def test_a_whole_experiment_in_small(field, inside, tmp_path, monkeypatch):
         assert cell["nominal default"] == str(Rate(row["nominal_default"], 3))
         assert cell["guided, first draw"] == str(Rate(row["first_draw"], 3))
         assert cell["unsatisfied"] == 3 - row["satisfied"]
-    assert cells[0]["nominal_default, paper"] == "32%"
+    assert cells[0]["nominal default, paper"] == "32%"
     assert cells[-1]["cases"] == 6
     assert {path.name for path in (out / "figures").iterdir()} == {
         f"{name}.{ending}" for name in chosen for ending in ("png", "pdf")

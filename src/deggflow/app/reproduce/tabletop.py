@@ -22,7 +22,7 @@ from .experiment import (
     Settings,
 )
 from .paper import CASES, TASK2_FAMILIES, TASK2_SUCCESS, SceneSuccess, overall
-from .words import listed
+from .words import listed, proportion
 
 SIZES = tuple(TASK2_SUCCESS)
 LARGE = 12  # all types of object at once
@@ -184,7 +184,7 @@ def _paper_sum(rows: Sequence[SceneSuccess]) -> SceneSuccess:
 
 
 def _columns(*first: str, paper: bool = True) -> list[str]:
-    of_paper = [f"{word}, paper" for word in SceneSuccess._fields]
+    of_paper = [f"{word}, paper" for word in _WORDS]
     pairs = zip(of_paper, _WORDS, strict=True)
     rates = [word for pair in pairs for word in pair] if paper else _WORDS
     return [*first, "cases", *rates, "unsatisfied", "refuted"]
