@@ -18,7 +18,15 @@ import pytest
 from safetensors.numpy import load_file
 
 from deggflow.jsonl import InputError
-from deggflow.train import Curve, Dataset, TrainingConfig, read_curves, run_segments, train
+from deggflow.train import (
+    Curve,
+    Dataset,
+    TrainingConfig,
+    checkpoints,
+    read_curves,
+    run_segments,
+    train,
+)
 
 PROGRAM = """
 import sys
@@ -359,6 +367,33 @@ def test_a_config_that_is_none_is_refused_with_its_reason(begun, content, reason
         assert path.read_bytes() == content
     finally:
         path.write_text(before)
+
+
+@pytest.mark.parametrize("when", ["before", "after"])
+def test_a_run_whose_folder_is_removed_stops_and_can_begin_anew(tmp_path, monkeypatch, when):
+    """Removed between two checkpoints, or in the middle of writing one."""
+    folder, whole = tmp_path / "run", tmp_path / "whole"
+    trained = train_number(whole, 30, **IDENTITY)[0]
+
+    def gone(curve):
+        if when == "before" and curve.step == 10:
+            shutil.rmtree(folder)
+
+    save = checkpoints.save
+
+    def saved(place, step, *rest):
+        if when == "after" and step == 20:
+            shutil.rmtree(folder)
+        save(place, step, *rest)
+
+    monkeypatch.setattr(checkpoints, "save", saved)
+    with pytest.raises(
+        InputError, match=r"run/config\.json: was removed while the run was writing"
+    ):
+        train_number(folder, 30, on_progress=gone, **IDENTITY)
+    monkeypatch.setattr(checkpoints, "save", save)
+    again = train_number(folder, 30, **IDENTITY)[0]
+    assert again.weight == trained.weight
 
 
 def test_checkpoints_without_their_config_are_refused(begun):

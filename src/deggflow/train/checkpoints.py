@@ -1,6 +1,7 @@
 """Checkpoints of a training run: the last two, each a safetensors file that a kill leaves whole or not at all."""
 
 import re
+from contextlib import suppress
 from pathlib import Path
 from typing import TypeVar
 
@@ -28,6 +29,13 @@ def save(folder: Path, step: int, state: object, run: str) -> None:
     save_arrays(folder / f"{step}.safetensors", state, f"{run} {step}")
     for old in _steps(folder)[:-KEPT]:
         (folder / f"{old}.safetensors").unlink(missing_ok=True)
+
+
+def remove(folder: Path, step: int) -> None:
+    """Removes a checkpoint, and the folder if it was the only one."""
+    (folder / f"{step}.safetensors").unlink(missing_ok=True)
+    with suppress(OSError):
+        folder.rmdir()
 
 
 def restore(folder: Path, step: int, like: T, run: str) -> T:

@@ -120,6 +120,12 @@ def read_config(path: Path) -> dict[str, Any] | None:
     return found
 
 
+def check_folder(path: Path) -> None:
+    """Refuses to go on in a folder that was removed: a checkpoint without its config.json is nobody's."""
+    if not path.exists():
+        raise InputError("was removed while the run was writing beside it", file=path)
+
+
 def check_same_run(path: Path, begun: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
     """Refuses what differs from the run that was begun, by name."""
     for section in SECTIONS:

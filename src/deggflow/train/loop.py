@@ -22,6 +22,7 @@ from deggflow.jsonl import InputError
 from . import checkpoints
 from .folder import (
     VERSION,
+    check_folder,
     check_same_run,
     curves_until,
     read_config,
@@ -204,7 +205,13 @@ def train(
         state, mean_loss = advance(state, training)
         held_out = float(validate(state, validation))
         curves.append(Curve(int(state.step), float(mean_loss), held_out))
+        check_folder(path)
         write_curves(folder / "curves.csv", curves)
         checkpoints.save(kept, int(state.step), state, run)
+        try:
+            check_folder(path)
+        except InputError:
+            checkpoints.remove(kept, int(state.step))
+            raise
         on_progress(curves[-1])
     return eqx.combine(state.averaged, static), curves
