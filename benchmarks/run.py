@@ -38,7 +38,7 @@ def subjects() -> dict[str, Subject]:
     return {
         "scenes": generation.scenes,
         "policies": generation.policies,
-        "large scenes": large_scenes.large_scenes,
+        "large_scenes": large_scenes.large_scenes,
         "parts": parts.parts,
         "speed": speed.speed,
         "compile": processes.compiling,

@@ -18,7 +18,7 @@ def large_scenes(patience: Patience, quick: bool) -> Iterator[Row]:
     """Guided large scenes and their records; the time of a sample is that of an object, ratios are to the smallest large scene's."""
     generator = LargeSceneGenerator(load_field())
     sizes = QUICK_SIZES if quick else SIZES
-    names = {size: f"large scenes/{size}" for size in sizes}
+    names = {size: f"large_scenes/{size}" for size in sizes}
     first = names[sizes[0]]
     ways, kept = {}, {}
     for size, name in names.items():
