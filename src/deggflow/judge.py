@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Integer
 
 from .guidance import DecoupledGuidance, GuidanceReport
-from .guidance.decoupled import least_sine, not_finite
+from .guidance.decoupled import least_sine
+from .guidance.report import not_finite
 from .guidance.requirement import Rows
 from .identity import fingerprint
 from .trace import Kept, Point, Summary, add_point, empty_summary, kept

@@ -66,7 +66,7 @@ TAMPERED = {
     "a pose moved": (scene(pen_cup=INTO), f"does NOT hold: {OVERLAP}", totals(0, 1, 1)),
     "a flag flipped": (scene(False), "now it holds", totals(1, 1, 1)),
     "a bad one called good": (scene(pen_cup={"x": 0.7}), "over the table's edge", totals(0, 1, 1)),
-    "a margin made larger": (PROUD, "the line is not true", totals(1, 1, 1)),
+    "a margin made larger": (PROUD, "the line is wrong", totals(1, 1, 1)),
     "a bad one called bad": (HONEST, f"does NOT hold: {OVERLAP}", totals(0, 1, 0)),
 }
 

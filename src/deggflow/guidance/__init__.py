@@ -3,13 +3,7 @@
 from .agent import AgentInput, CommunicationCost, agent_input, communication_cost
 from .allocation import AbstractAllocation, Local, Own, Pooled
 from .bound import AbstractBound, TighteningBound
-from .decoupled import (
-    AbstractGuidance,
-    DecoupledGuidance,
-    GuidanceReport,
-    NoGuidance,
-    report_without_rows,
-)
+from .decoupled import AbstractGuidance, DecoupledGuidance, NoGuidance
 from .margins import (
     AbstractMargins,
     Margins,
@@ -20,6 +14,7 @@ from .margins import (
 )
 from .private import PrivateRequirement
 from .qp import MinNormInput, min_norm_input
+from .report import GuidanceReport, report_without_rows
 from .requirement import AbstractRequirement, Demand, Rows
 from .schedule import AbstractSchedule, LinearSchedule, PowerSchedule
 from .shared import Recovering, SharedFactor, SharedRequirements
