@@ -1,12 +1,13 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from deggflow.guidance import Local, Own, Pairs, Pooled
 
 AGENTS = 5
+TINY = float(np.finfo(np.float32).tiny)
 amounts = st.lists(st.floats(0, 10, width=32), min_size=AGENTS, max_size=AGENTS)
 links = st.lists(st.booleans(), min_size=AGENTS**2, max_size=AGENTS**2)
 
@@ -28,6 +29,8 @@ def everyones_shares(demand, influence, linked):
 
 @settings(max_examples=60, deadline=None)
 @given(amounts, amounts, links)
+@example([0.0] * 4 + [4.0], [0.0] * 4 + [TINY], [False] * AGENTS**2)
+@example([0.0] * 4 + [4.0], [1.0] * 4 + [TINY], [False] * AGENTS**2)
 def test_shares_are_nonnegative_and_add_up_to_the_demand(demand, influence, linked):
     demand, influence = jnp.array(demand), jnp.array(influence)
     for share in everyones_shares(demand, influence, linked):

@@ -82,7 +82,8 @@ class Local(AbstractAllocation):
         weight = found * effective_norm_sq[None]
         total = jnp.sum(weight, axis=1)
         alone = total <= 0  # nobody can act on this owner's violation: its demand stays with it
-        shared = jnp.where(alone, 0.0, demand / jnp.where(alone, 1.0, total)) @ weight
+        # Weights are divided, not demands: what is at most one does not overflow where every weight is tiny.
+        shared = jnp.where(alone, 0.0, demand) @ (weight / jnp.where(alone, 1.0, total)[:, None])
         return shared + jnp.where(alone, demand, 0.0)
 
 
@@ -96,6 +97,7 @@ def _among_pairs(
     weight = jnp.where(pairs.active, effective_norm_sq[pairs.agent], 0.0)
     total = jnp.zeros_like(demand).at[pairs.owner].add(weight)
     alone = total <= 0
-    each = jnp.where(alone, 0.0, demand / jnp.where(alone, 1.0, total))
-    shared = jnp.zeros_like(effective_norm_sq).at[pairs.agent].add(each[pairs.owner] * weight)
+    part = weight / jnp.where(alone, 1.0, total)[pairs.owner]
+    each = jnp.where(alone, 0.0, demand)[pairs.owner]
+    shared = jnp.zeros_like(effective_norm_sq).at[pairs.agent].add(each * part)
     return shared + jnp.where(alone, demand, 0.0)
