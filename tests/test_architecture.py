@@ -15,6 +15,7 @@ FLOORS = [
         "blocks",
         "files",
         "jsonl",
+        "locks",
         "output",
         "schema",
         "statistics",

@@ -388,12 +388,40 @@ def test_a_run_whose_folder_is_removed_stops_and_can_begin_anew(tmp_path, monkey
 
     monkeypatch.setattr(checkpoints, "save", saved)
     with pytest.raises(
-        InputError, match=r"run/config\.json: was removed while the run was writing"
+        InputError, match=r"run/config\.json: was removed or replaced while the run was writing"
     ):
         train_number(folder, 30, on_progress=gone, **IDENTITY)
     monkeypatch.setattr(checkpoints, "save", save)
     again = train_number(folder, 30, **IDENTITY)[0]
     assert again.weight == trained.weight
+
+
+def test_a_second_run_in_a_folder_is_refused_while_the_first_one_trains(tmp_path):
+    refusals = []
+
+    def again(curve):
+        with pytest.raises(InputError, match=r"run/config\.json: another run is writing it"):
+            train_number(tmp_path / "run")
+        refusals.append(curve.step)
+
+    train_number(tmp_path / "run", on_progress=again)
+    assert refusals == [10, 20, 30, 40]
+    train_number(tmp_path / "run")  # it is free again
+
+
+@pytest.mark.parametrize("step", [10, 30])
+def test_a_run_stops_where_another_one_took_its_folder(tmp_path, step):
+    """The folder was removed and a second run, which could not see the first, began in its place."""
+    folder = tmp_path / "run"
+
+    def usurped(curve):
+        if curve.step == step:
+            shutil.rmtree(folder)
+            train_number(folder)
+
+    with pytest.raises(InputError, match="was removed or replaced while"):
+        train_number(folder, on_progress=usurped)
+    assert [curve.step for curve in train_number(folder)[1]] == [10, 20, 30, 40]
 
 
 def test_checkpoints_without_their_config_are_refused(begun):

@@ -3,13 +3,13 @@
 import json
 import os
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from filelock import FileLock, Timeout
-
 from .files import StrPath, write_atomically
 from .jsonl import MAX_LINE, InputError, parse_line, read_json, shorten
+from .locks import locked
 
 ADVICE = "choose another --out, or remove it first"
 Belongs = Callable[[int, Any], bool]
@@ -71,7 +71,7 @@ class ResumableOutput:
         self.done, self.finished = 0, list[Any]()
         if self._holds_something():
             self._check_settings()
-        self._lock = FileLock(self.path.with_name(f".{self.path.name}.lock"))
+        self._lock = ExitStack()
 
     @property
     def _special(self) -> bool:
@@ -100,10 +100,8 @@ class ResumableOutput:
                 self._file = self.path.open("ab")
                 return self
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._lock.acquire(timeout=0)
+            self._lock.enter_context(locked(self.path))
             self._begin()
-        except Timeout:
-            raise InputError("another run is writing it", file=self.path) from None
         except OSError as error:
             self._release()
             raise InputError(f"can't be written: {error.strerror}", file=self.path) from None
@@ -199,4 +197,4 @@ class ResumableOutput:
             pass  # what could not be flushed was told of by `append`
         finally:
             self._file = None
-            self._lock.release()
+            self._lock.close()

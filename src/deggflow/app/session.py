@@ -41,7 +41,8 @@ def prepare_jax() -> None:
         return  # a read-only home: programs are compiled anew each time
     _renew_what_is_damaged(folder)
     jax.config.update("jax_compilation_cache_dir", str(folder))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
+    # Small programs, too: dozens of them are most of what a second start would compile.
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from deggflow.files import StrPath, write_atomically
 from deggflow.jsonl import (
@@ -120,10 +120,32 @@ def read_config(path: Path) -> dict[str, Any] | None:
     return found
 
 
-def check_folder(path: Path) -> None:
-    """Refuses to go on in a folder that was removed: a checkpoint without its config.json is nobody's."""
-    if not path.exists():
-        raise InputError("was removed while the run was writing beside it", file=path)
+class ConfigFile(NamedTuple):
+    """The config.json of a run under way, told from any that takes its place."""
+
+    path: Path
+    device: int
+    inode: int
+
+    def check(self) -> None:
+        """Refuses to go on in a folder that was removed: a checkpoint without its config.json is nobody's."""
+        if _file_identity(self.path) != self[1:]:
+            raise InputError(
+                "was removed or replaced while the run was writing beside it", file=self.path
+            )
+
+
+def config_file(path: Path) -> ConfigFile:
+    """The config.json as it is now."""
+    return ConfigFile(path, *_file_identity(path))
+
+
+def _file_identity(path: Path) -> tuple[int, int]:
+    try:
+        status = path.stat()
+    except FileNotFoundError:
+        return -1, -1
+    return status.st_dev, status.st_ino
 
 
 def check_same_run(path: Path, begun: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:

@@ -18,12 +18,13 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray
 from deggflow.files import StrPath, write_atomically
 from deggflow.flow import mac_loss
 from deggflow.jsonl import InputError
+from deggflow.locks import locked
 
 from . import checkpoints
 from .folder import (
     VERSION,
-    check_folder,
     check_same_run,
+    config_file,
     curves_until,
     read_config,
     segments_with,
@@ -163,28 +164,47 @@ def train(
         on_progress: Called at each point of the curves, and with the last one of a run that goes on.
 
     Raises:
-        InputError: The folder holds another run, or one of an older version, or its files are damaged.
+        InputError: The folder holds another run, or one of an older version, or its files are damaged, or another
+            process trains in it.
         ValueError: Data of different numbers of samples, or an identity that JSON does not have.
 
     Returns:
         The field with averaged weights, and the curves from the first step on.
     """
     folder = Path(folder)
-    path, kept = folder / "config.json", folder / "checkpoints"
     training, validation = jax.tree.map(jnp.asarray, (training, validation))
     for name, data in (("training", training), ("validation", validation)):
         check_samples(name, data)
-    wanted = description(field, training, validation, config, identity or {}, loss, augment)
+    settings = description(field, training, validation, config, identity or {}, loss, augment)
+    folder.mkdir(parents=True, exist_ok=True)
+    with locked(folder / "config.json"):
+        return _run(
+            field, training, validation, config, folder, settings, loss, augment, on_progress
+        )
+
+
+def _run(
+    field: eqx.Module,
+    training: Dataset,
+    validation: Dataset,
+    config: TrainingConfig,
+    folder: Path,
+    settings: Mapping[str, Any],
+    loss: SampleLoss,
+    augment: Augment | None,
+    on_progress: Callable[[Curve], None],
+) -> tuple[eqx.Module, list[Curve]]:
+    """`train` in a folder that no other process writes."""
+    path, kept = folder / "config.json", folder / "checkpoints"
     begun = read_config(path)
     if begun is not None:
-        check_same_run(path, begun, wanted)
+        check_same_run(path, begun, settings)
     elif any(kept.glob("*")):
         raise InputError(
             "does not exist, and there are checkpoints beside it: whose, can't be told; choose another folder",
             file=path,
         )
-    folder.mkdir(parents=True, exist_ok=True)
-    run = sha256(json.dumps(wanted, sort_keys=True).encode()).hexdigest()
+    run = sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()
     done = checkpoints.last_step(kept)
     segments = segments_with(path, begun, config.steps, done)
     curves = curves_until(folder / "curves.csv", done, config.validate_every)
@@ -195,9 +215,10 @@ def train(
     state = TrainingState(weights, averaged, optimizer.init(weights), jnp.asarray(0))
     if done:
         state = checkpoints.restore(kept, done, state, run)
-    now = {"version": VERSION, "segments": segments, **wanted}
+    now = {"version": VERSION, "segments": segments, **settings}
     if now != begun:
         write_atomically(path, json.dumps(now, indent=2) + "\n")
+    ours = config_file(path)
     advance, validate = _make_programs(static, config, optimizer, loss, augment)
     for curve in curves[-1:]:
         on_progress(curve)
@@ -205,11 +226,11 @@ def train(
         state, mean_loss = advance(state, training)
         held_out = float(validate(state, validation))
         curves.append(Curve(int(state.step), float(mean_loss), held_out))
-        check_folder(path)
+        ours.check()
         write_curves(folder / "curves.csv", curves)
         checkpoints.save(kept, int(state.step), state, run)
         try:
-            check_folder(path)
+            ours.check()
         except InputError:
             checkpoints.remove(kept, int(state.step))
             raise

@@ -1,0 +1,28 @@
+"""Files that one process at a time may write."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+
+from .jsonl import InputError
+
+
+@contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Holds `.<name>.lock` beside a file, whose folder must exist, for as long as the block runs.
+
+    Raises:
+        InputError: Another process holds it.
+        OSError: The lock can't be made.
+    """
+    lock = FileLock(path.with_name(f".{path.name}.lock"))
+    try:
+        lock.acquire(timeout=0)
+    except Timeout:
+        raise InputError("another run is writing it", file=path) from None
+    try:
+        yield
+    finally:
+        lock.release()
