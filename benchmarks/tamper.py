@@ -221,21 +221,22 @@ def table(kind: Kind, rows: Sequence[Row]) -> list[str]:
 
 def a_scene() -> Any:
     """A guided scene with a trace and a shared requirement, as it stands in a file."""
-    from deggflow.app.tabletop import make_generator
     from deggflow.tasks.tabletop.changes import random_conditions
+    from deggflow.tasks.tabletop.field import load_field
+    from deggflow.tasks.tabletop.task import scene_generator
 
     condition = random_conditions(5, 1, "balanced", 1, 0)
-    (scene,) = make_generator(None, "degg").scenes(condition, seed=1, keep_trace=True)
+    (scene,) = scene_generator(load_field()).scenes(condition, seed=1, keep_trace=True)
     return json.loads(json.dumps(scene.to_json()))
 
 
 def a_trial() -> Any:
     """A guided trial with a speed limit, as it stands in a file."""
-    from deggflow.app.bridge import make_generator
     from deggflow.tasks.bridge.field import load_field
     from deggflow.tasks.bridge.scenes import random_conditions
+    from deggflow.tasks.bridge.task import trial_generator
 
-    generator = make_generator(load_field(), "degg", 0.3)
+    generator = trial_generator(load_field(), speed_limit=0.3)
     (trial,) = generator.trials(random_conditions(4, 1, 1, 0), seed=1)
     return json.loads(json.dumps(trial.to_json()))
 

@@ -43,6 +43,7 @@ FLOORS = [
         "train",
         "deviation",
     },
+    {"task"},
     {"tasks"},
     {"view"},
     {"app"},

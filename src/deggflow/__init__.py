@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .certificate import Certificate
-    from .certification import Trajectory, certify, certify_batch
+    from .certification import Trajectory, certify, certify_batch, verdicts
     from .generation import Generation, generate, generate_batch, refined_grid
     from .guidance import (
         AdaptiveShares,
@@ -34,7 +34,7 @@ __version__ = "0.1.0"
 # Loaded when first used: `deggflow --help` must not wait for JAX.
 _HOME = {
     "certificate": ("Certificate",),
-    "certification": ("Trajectory", "certify", "certify_batch"),
+    "certification": ("Trajectory", "certify", "certify_batch", "verdicts"),
     "generation": ("Generation", "generate", "generate_batch", "refined_grid"),
     "guidance": (
         "AdaptiveShares",
@@ -91,6 +91,7 @@ __all__ = [
     "refined_grid",
     "safe_norm",
     "sample",
+    "verdicts",
 ]
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Integer
 
 from .blocks import BATCHES, padded_batch
-from .certificate import Certificate
+from .certificate import Certificate, RequirementVerdict
 from .generation import Generation, check_leading_axis, check_tau
 from .guidance import AbstractRequirement, DecoupledGuidance
 from .identity import requirement_numbers
@@ -109,6 +109,34 @@ def certify_batch(
     return _certify_generations(
         many, present, guidance, _exact(condition), agents, tried, keep_trace
     )
+
+
+def verdicts(
+    z: Float[Array | np.ndarray, "agents dim"],
+    requirements: DecoupledGuidance | Sequence[AbstractRequirement],
+    condition: Any = None,
+    *,
+    mask: Bool[Array | np.ndarray, " agents"] | None = None,
+    agents: Sequence[str] | None = None,
+) -> tuple[RequirementVerdict, ...]:
+    """What every requirement says of a state in float64, wherever the state comes from.
+
+    Args: as of `certify`.
+
+    Example:
+        >>> [one] = verdicts(generate(field, guidance, z0, condition).z, guidance, condition)
+        >>> one.name, one.margin >= 0
+        ('apart', True)
+    """
+    guidance = as_guidance(requirements)
+    present = None if mask is None else np.asarray(mask)[None]
+    _check_mask(present, (1, len(z)))
+    alone = jax.tree.map(lambda leaf: leaf[None] if eqx.is_array(leaf) else leaf, _exact(condition))
+    state = np.asarray(z, np.float64)[None]
+    judged = _judged(guidance, state, state, alone, present, np.dtype(np.float64))
+    judged = jax.tree.map(lambda leaf: leaf[0], judged)
+    _check_leaks(judged, guidance.names)
+    return verdicts_of(judged.margins, guidance, agents)
 
 
 def as_guidance(

@@ -9,9 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from deggflow.app.remake import bridge_commands
-from deggflow.tasks.bridge import training
+from deggflow import task
+from deggflow.app.remake import remake
 from deggflow.tasks.bridge.formats import read_trials
+from deggflow.tasks.bridge.options import DemonstrationRecipe
 from deggflow.tasks.bridge.oracle import refutation
 from deggflow.train import TrainingConfig
 
@@ -375,15 +376,16 @@ def test_the_cards_commands_are_what_a_user_types(inside, monkeypatch, tmp_path)
     """Data are made; the training itself is too long for a test, so what it is asked for is looked at."""
     asked = []
 
-    def train_field(data, out, config, show, *, commands):
+    def train_field(model, data, out, config, architecture, show, *, commands):
+        assert (model.task, architecture) == ("bridge", {})
         out.mkdir()
         (out / "curves.csv").write_text("step,training,validation\n500,1.0,2.0\n")
         asked.append((data, out, config))
 
-    monkeypatch.setattr(training, "train_field", train_field)
+    monkeypatch.setattr(task, "train_field", train_field, raising=False)
     config = TrainingConfig(steps=1500, batch=32, learning_rate=2e-3, seed=4)
     recipe = {"sizes": [4, 5, 6], "training": 2, "validation": 1, "seed": 3}
-    for command in bridge_commands(recipe, config, [config.steps]):
+    for command in remake("bridge", DemonstrationRecipe, {})(recipe, config, [config.steps]):
         name, *arguments = command.split()
         assert name == "deggflow"
         found = inside(*arguments)

@@ -5,10 +5,11 @@ from dataclasses import asdict, dataclass
 
 import pytest
 
-from deggflow.app import runs
-from deggflow.app.runs import ConditionSource, run_jobs, wanted, write_results
+from deggflow.app.runs import ConditionSource, generated, run_jobs, wanted, write_results
+from deggflow.app.session import progress
 from deggflow.jsonl import InputError
 from deggflow.output import ResumableOutput
+from deggflow.task import AbstractGenerator, AbstractTask, Chunking, GenerateOptions
 
 
 @dataclass
@@ -27,10 +28,41 @@ class Number(int):
         return {"is": int(self)}
 
 
-def make(conditions, first):
+class Rows(AbstractGenerator):
     """A result remembers in which chunk it was made, as batches of other sizes round differently."""
-    assert conditions == list(range(first, first + len(conditions)))
-    return [Row(number, first) for number in conditions]
+
+    def __init__(self, *, concurrent=False, pieces=2, fails_at=None):
+        self.concurrent, self.pieces, self.fails_at = concurrent, pieces, fails_at
+
+    def chunking(self, condition):
+        return Chunking(4, self.concurrent)
+
+    def generate(self, conditions, *, seed, first, max_draws, on_status):
+        assert conditions == list(range(first, first + len(conditions)))
+        if first == self.fails_at:
+            raise ValueError(f"chunk {first}")
+        for start in range(0, len(conditions), self.pieces):
+            yield [Row(number, first) for number in conditions[start : start + self.pieces]]
+
+
+class Numbers(AbstractTask):
+    """Conditions that are numbers: drawn from 0 on, or 7 to 9 in a file."""
+
+    name, noun, sizes = "numbers", "number", (2, 8)
+
+    def random_conditions(self, size, count, first, options):
+        return [(size, k) for k in range(first, first + count)]
+
+    def read_conditions(self, path):
+        return numbers(7, 3)
+
+
+Numbers.__abstractmethods__ = frozenset()  # of a task, only its conditions
+
+
+def chunks(source, generator, first=0):
+    with progress(hidden=True) as bars:
+        return list(generated(generator, source, GenerateOptions(), first, bars))
 
 
 def odd(row):
@@ -42,8 +74,7 @@ def numbers(first, many):
 
 
 @pytest.fixture
-def ten(monkeypatch):
-    monkeypatch.setattr(runs, "CHUNK", 4)
+def ten():
     return ConditionSource(10, 0, numbers)
 
 
@@ -51,7 +82,10 @@ def test_a_chunk_that_was_cut_is_made_again_whole_and_its_rest_is_kept(ten, tmp_
     whole, cut = tmp_path / "whole.jsonl", tmp_path / "cut.jsonl"
 
     def run(path):
-        return write_results(path, {}, ten, "rows", odd, lambda first, _: ten.chunks(make, first))
+        return write_results(
+            path, {}, ten, "rows", odd,
+            lambda first, bars: generated(Rows(), ten, GenerateOptions(), first, bars),
+        )  # fmt: skip
 
     assert run(whole) == 5
     lines = whole.read_bytes().splitlines(keepends=True)
@@ -67,45 +101,40 @@ def test_a_chunk_that_was_cut_is_made_again_whole_and_its_rest_is_kept(ten, tmp_
 
 
 @pytest.mark.parametrize("count", [1, 4, 5, 9, 10, 30])
-def test_chunks_begun_ahead_come_in_order(ten, count):
-    wanted = ConditionSource(count, 0, ten.part)
-    for first in range(count + 1):
-        ahead = [row for rows in wanted.chunks(make, first, ahead=True) for row in rows]
-        assert ahead == [row for rows in wanted.chunks(make, first) for row in rows]
-        assert [row.number for row in ahead] == list(range(first, count))
+@pytest.mark.parametrize("pieces", [1, 3, 4])
+def test_chunks_begun_ahead_come_in_order(count, pieces):
+    source = ConditionSource(count, 0, numbers)
+    for first in range(count):
+        ahead = chunks(source, Rows(concurrent=True, pieces=pieces), first)
+        assert ahead == chunks(source, Rows(pieces=pieces), first)
+        assert [row.number for rows in ahead for row in rows] == list(range(first, count))
 
 
 def test_an_error_in_a_chunk_begun_ahead_ends_the_run(ten):
-    def fail(conditions, first):
-        if first == 8:
-            raise ValueError("chunk 8")
-        return make(conditions, first)
-
-    chunks = ten.chunks(fail, 0, ahead=True)
-    assert [row.number for row in next(chunks) + next(chunks)] == list(range(8))
-    with pytest.raises(ValueError, match="chunk 8"):
-        next(chunks)
+    with progress(hidden=True) as bars:
+        coming = generated(
+            Rows(concurrent=True, pieces=4, fails_at=8), ten, GenerateOptions(), 0, bars
+        )
+        assert [row.number for row in next(coming) + next(coming)] == list(range(8))
+        with pytest.raises(ValueError, match="chunk 8"):
+            next(coming)
 
 
 def test_conditions_come_from_a_file_or_are_drawn(tmp_path):
-    ways = {
-        "sizes": (2, 8),
-        "read": lambda path: numbers(7, 3),
-        "draw": lambda size, first, many: [(size, k) for k in range(first, first + many)],
-    }
-    given = wanted(tmp_path, None, None, **ways)
+    task = Numbers()
+    given = wanted(task, GenerateOptions(conditions=tmp_path))
     assert (given.count, given.size, given.part(1, 2)) == (3, 0, [8, 9])
-    drawn = wanted(None, 5, None, **ways)
+    drawn = wanted(task, GenerateOptions(size=5))
     assert (drawn.count, drawn.size, drawn.part(0, 1)) == (1, 5, [(5, 0)])
-    for arguments, hint in (
-        ((None, None, None), "either"),
-        ((tmp_path, 4, None), "either"),
-        ((tmp_path, None, 4), "--count"),
-        ((None, 9, None), "--size must lie in"),
-        ((None, 4, 0), "--count must lie in"),
+    for options, hint in (
+        (GenerateOptions(), "either"),
+        (GenerateOptions(conditions=tmp_path, size=4), "either"),
+        (GenerateOptions(conditions=tmp_path, count=4), "--count"),
+        (GenerateOptions(size=9), "--size must lie in"),
+        (GenerateOptions(size=4, count=0), "--count must lie in"),
     ):
         with pytest.raises(InputError, match=hint):
-            wanted(*arguments, **ways)
+            wanted(task, options)
 
 
 @dataclass

@@ -4,8 +4,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from deggflow.jsonl import InputError
+from deggflow.task import check_range
+from deggflow.task.options import MAX_COUNT, MAX_SEED
 
-from .runs import MAX_COUNT, MAX_SEED, in_range, run_jobs
 from .session import SATISFIED, output, prepare_jax
 
 if TYPE_CHECKING:
@@ -36,10 +37,10 @@ def baselines(
     from deggflow.tasks.tabletop.baselines import METHODS
     from deggflow.tasks.tabletop.library import MAX_OBJECTS
 
-    in_range("cases", cases, 1, MAX_COUNT)
-    in_range("seed", seed, 0, MAX_SEED)
+    check_range("cases", cases, 1, MAX_COUNT)
+    check_range("seed", seed, 0, MAX_SEED)
     for size in sizes:
-        in_range("sizes", size, 1, MAX_OBJECTS)
+        check_range("sizes", size, 1, MAX_OBJECTS)
     names = [method.name for method in METHODS]
     for name in methods:
         if name not in names:
@@ -47,6 +48,8 @@ def baselines(
     prepare_jax()
     from deggflow.tasks.tabletop.field import load_field
     from deggflow.tasks.tabletop.frontier import Point, jobs
+
+    from .runs import run_jobs
 
     wanted = [method for method in METHODS if not methods or method.name in methods]
     grid = [

@@ -1,23 +1,33 @@
 """Pictures, videos and curves of trials."""
 
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, cast
 
 import numpy as np
 from jaxtyping import UInt8
 
+from deggflow.flow import Field
 from deggflow.jsonl import InputError
+from deggflow.task import AbstractEvaluation, AbstractPictures
 from deggflow.tasks.bridge.assembly import Surroundings, assemble, surroundings
 from deggflow.tasks.bridge.condition import BridgeCondition
 from deggflow.tasks.bridge.courses import Course, guided_course
+from deggflow.tasks.bridge.evaluate import SOURCES
+from deggflow.tasks.bridge.field import BridgeField
 from deggflow.tasks.bridge.generator import BridgeGenerator
+from deggflow.tasks.bridge.options import BridgeEvaluate, BridgeRender
 from deggflow.tasks.bridge.policies import initial_noise
+from deggflow.tasks.bridge.report import ModesEvaluation
+from deggflow.tasks.bridge.task import trial_generator
 from deggflow.tasks.bridge.trial import Trial
 from deggflow.tasks.bridge.world import DT, EXECUTED
 from deggflow.view.bridge import (
     BoundPanel,
+    PathGroup,
     compare,
     draw_bounds,
+    draw_paths,
     picture,
     snapshots,
     write_process_video,
@@ -28,19 +38,41 @@ from deggflow.view.stage import RendererName
 
 from .session import console
 
+_COLOURS = ("#4d4d4d", "#D55E00", "#0072B2")  # of demonstrations, nominal and guided paths
 SAME_PLACE = 0.02  # m or rad; other seeds lead elsewhere
 
 Image = UInt8[np.ndarray, "rows columns 3"]
 
 
-class RenderOptions(NamedTuple):
-    """What is to be drawn of each trial."""
+class BridgePictures(AbstractPictures[Trial]):
+    """Trials, start and end of each; what failed is red."""
 
-    nominal: bool
-    process: bool
-    video: bool
-    curves: bool
-    renderer: RendererName
+    def __init__(self) -> None:
+        self._generators: dict[float | None, BridgeGenerator] = {}
+
+    def write(
+        self, result: Trial, number: int, options: BridgeRender, field: Callable[[], Field]
+    ) -> Iterator[Path]:
+        """`trial_<number>.png`, the process, a video and curves, whatever is asked for."""
+        generator = None
+        if options.nominal or options.curves:
+            generator = self._generator(cast(BridgeField, field()), result.certificate.speed_limit)
+        yield from write_pictures(result, number, options, generator)
+
+    def _generator(self, field: BridgeField, speed_limit: float | None) -> BridgeGenerator:
+        """Compiled once for each speed limit that a file's trials have."""
+        if speed_limit not in self._generators:
+            self._generators[speed_limit] = trial_generator(field, speed_limit=speed_limit)
+        return self._generators[speed_limit]
+
+    def draw_evaluation(self, evaluation: AbstractEvaluation[Any], options: BridgeEvaluate) -> None:
+        """The planks' paths of --modes, if --figure names a file."""
+        if options.figure is not None and isinstance(evaluation, ModesEvaluation):
+            groups = [
+                PathGroup(source, colour, [path.poses[:, :2] for path in evaluation.paths(source)])
+                for source, colour in zip(SOURCES, _COLOURS, strict=True)
+            ]
+            draw_paths(options.figure, groups)
 
 
 def regenerate(generator: BridgeGenerator, trial: Trial, line: int) -> list[BridgeCondition]:
@@ -63,15 +95,14 @@ def regenerate(generator: BridgeGenerator, trial: Trial, line: int) -> list[Brid
 
 
 def write_pictures(
-    trial: Trial, line: int, out: Path, options: RenderOptions, generator: BridgeGenerator | None
+    trial: Trial, line: int, options: BridgeRender, generator: BridgeGenerator | None
 ) -> list[Path]:
     """Writes `trial_<line>.png` into a folder and, beside it, what else is asked for; returns the paths.
 
     Args:
         trial: The trial.
         line: Its line in the file, from 1.
-        out: The folder.
-        options: What is to be drawn.
+        options: What is to be drawn, and the folder.
         generator: What made the trial; needed for nominal trials and curves.
     """
     conditions = None if generator is None else regenerate(generator, trial, line)
@@ -79,7 +110,7 @@ def write_pictures(
     if around.lacking is not None:
         _tell(f"Trial {line} is shown from its contact points on: {around.lacking}.")
     twin = _twin(generator, trial, line) if options.nominal and generator is not None else None
-    path = out / f"trial_{line:04d}.png"
+    path = options.out / f"trial_{line:04d}.png"
     written = [path]
     save_png(path, _building(trial, twin, around._replace(drive=None), options.renderer))
     process = assemble(trial, around) if options.process or options.video else None

@@ -1,28 +1,41 @@
-"""What both `certify` commands share: lines with what they hold, and lines against what was asked for."""
+"""`certify`: every line of a file against its requirements, against itself, and against what was asked for."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
-from deggflow.consistency import Line, Unverified, Wrong, unverified_line
-from deggflow.jsonl import read_lines
+from deggflow.consistency import Unverified, Wrong, unverified_line
+from deggflow.task import AbstractTask, CertifyOptions, check_range
 
-from .runs import in_range, printable
+from .runs import printable
+from .session import NOT_SATISFIED, SATISFIED, output
 
 Condition = TypeVar("Condition")
-T = TypeVar("T")
 
 
-def read(path: Path, parse: Callable[[Line], T], what: str) -> list[tuple[T, Line]]:
-    """What every line holds, and the line; `InputError` for the first that is wrong."""
-    return read_lines(path, lambda line: (parse(line), line), what)
-
-
-def chosen_lines(lines: Sequence[int], count: int) -> Sequence[int]:
-    """The lines asked for, or all; `InputError` where there is none of that number."""
-    for line in lines:
-        in_range("lines", line, 1, count)
-    return lines or range(1, count + 1)
+def certify_file(task: AbstractTask[Any, Any], path: Path, options: CertifyOptions) -> int:
+    """Checks a file of results; prints what is found, and returns the exit code."""
+    results = task.read_results(path)
+    for line in options.lines:
+        check_range("lines", line, 1, len(results))
+    wanted = None if options.conditions is None else task.read_conditions(options.conditions)
+    given = [task.condition_of(result) for result, _ in results]
+    asked = against(wanted, given, task.other_condition)
+    examinations = []
+    for number in options.lines or range(1, len(results) + 1):
+        examined = task.examine(*results[number - 1])
+        examined = replace(examined, wrong=[*examined.wrong, *asked.of(number)])
+        examinations.append(examined)
+        if not options.quiet:
+            flaw = "; the line is wrong" if examined.wrong else ""
+            print(printable(f"line {number}: {examined.text}{flaw}"))
+            tell(number, examined.wrong)
+            print(f"the certificate says: {printable(examined.certificate)}\n")
+    conclude(asked, task.unverified, quiet=options.quiet)
+    output().print(task.conclude(examinations))
+    good = all(each.holds and not each.wrong for each in examinations) and asked.missing is None
+    return SATISFIED if good else NOT_SATISFIED
 
 
 class Asked(NamedTuple):

@@ -6,40 +6,41 @@ from tyro.extras import SubcommandApp
 
 from deggflow.jsonl import InputError
 
-from . import baselines, bridge, demo, tabletop
+from .baselines import baselines
+from .commands import task_app
+from .demo import demo
+from .registry import SHIPPED, RegisteredEntry, registered
 from .reproduce.command import reproduce
 from .session import BAD_INPUT, UNFORESEEN
 from .start import INTERRUPTED, MESSAGE
-
-_TABLETOP = SubcommandApp()
-_TABLETOP.command(tabletop.data)
-_TABLETOP.command(tabletop.train)
-_TABLETOP.command(tabletop.generate)
-_TABLETOP.command(tabletop.certify)
-_TABLETOP.command(tabletop.evaluate)
-_TABLETOP.command(baselines.baselines)
-_TABLETOP.command(tabletop.render)
-
-_BRIDGE = SubcommandApp()
-_BRIDGE.command(bridge.data)
-_BRIDGE.command(bridge.train)
-_BRIDGE.command(bridge.generate)
-_BRIDGE.command(bridge.certify)
-_BRIDGE.command(bridge.evaluate)
-_BRIDGE.command(bridge.render)
-
-_APP = SubcommandApp()
-_APP.command(demo.demo)
-_APP.command(
-    _TABLETOP, name="tabletop", help="Scenes of objects on a table, each easy to reach and use."
-)
-_APP.command(_BRIDGE, name="bridge", help="Robots push a plank over a gap and cross it.")
-_APP.command(reproduce)
 
 _DESCRIPTION = (
     "Generative flow models of several agents that keep hard guarantees: guided generation, "
     "a certificate for every result, and a clear explanation when a requirement can't be met."
 )
+
+
+def _app(first: str | None) -> SubcommandApp:
+    """All commands; those of another package's task only if `first` names it, as its import takes long."""
+    app = SubcommandApp()
+    app.command(demo)
+    for entry in SHIPPED:
+        commands = task_app(entry)
+        if entry.name == "tabletop":
+            commands.command(baselines)
+        app.command(commands, name=entry.name, help=entry.help)
+    for other in registered([entry.name for entry in SHIPPED]):
+        commands = task_app(other) if other.name == first else _commands_to_come(other)
+        app.command(commands, name=other.name, help=other.help)
+    app.command(reproduce)
+    return app
+
+
+def _commands_to_come(entry: RegisteredEntry) -> SubcommandApp:
+    """Stands for a task in the list of commands, without importing it."""
+    app = SubcommandApp()
+    app.command(name="data", help=f"And more: see deggflow {entry.name} --help")(lambda: 0)
+    return app
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -48,9 +49,12 @@ def main(arguments: list[str] | None = None) -> None:
     0: every result satisfied; 2: bad input; 3: some result not satisfied; 1: anything unforeseen.
     """
     try:
-        if any("\0" in argument for argument in arguments or sys.argv[1:]):
+        given = sys.argv[1:] if arguments is None else arguments
+        if any("\0" in argument for argument in given):
             raise InputError("no argument may hold a NUL character")
-        code = _APP.cli(args=arguments, prog="deggflow", description=_DESCRIPTION)
+        code = _app(next(iter(given), None)).cli(
+            args=given, prog="deggflow", description=_DESCRIPTION
+        )
     except InputError as error:
         print(f"deggflow: {error}", file=sys.stderr)
         code = BAD_INPUT

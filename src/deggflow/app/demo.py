@@ -27,12 +27,13 @@ def demo(out: Path = Path("demo"), count: int = 8, size: int = 8, seed: int = 0)
 
     from deggflow.files import write_atomically
     from deggflow.tasks.tabletop.changes import random_conditions
+    from deggflow.tasks.tabletop.field import load_field
     from deggflow.tasks.tabletop.generator import TabletopGenerator
+    from deggflow.tasks.tabletop.task import scene_generator
 
     from .pictures import regenerate, write_pictures
-    from .tabletop import make_generator
 
-    generator = make_generator(None, "degg")
+    generator = scene_generator(load_field())
     conditions = random_conditions(size, count, "changed", seed)
     nominal = TabletopGenerator(generator.field).scenes(conditions, seed=seed, max_draws=1)
     guided = generator.scenes(conditions, seed=seed)

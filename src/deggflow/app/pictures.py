@@ -1,17 +1,22 @@
 """Pictures, videos and MuJoCo models of scenes."""
 
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from deggflow.files import write_atomically
+from deggflow.flow import Field
 from deggflow.jsonl import InputError
+from deggflow.task import AbstractEvaluation, AbstractPictures
 from deggflow.tasks.tabletop.condition import SceneCondition
 from deggflow.tasks.tabletop.generator import TabletopGenerator, initial_noise
 from deggflow.tasks.tabletop.large import is_large, large_scenes_like
+from deggflow.tasks.tabletop.options import TabletopRender
 from deggflow.tasks.tabletop.scene import Scene
+from deggflow.tasks.tabletop.task import scene_generator
 from deggflow.tasks.tabletop.verdict import Poses, judge
 from deggflow.view.mjcf import scene_mjcf
 from deggflow.view.picture import map_blocks, render, save_png
@@ -61,6 +66,25 @@ def _path(generator: TabletopGenerator, scene: Scene, number: int, drawn: int) -
         return large_scenes_like(generator).path(scene.condition, scene.seed, number, drawn)
     z0 = initial_noise(scene.seed, np.array([number]), drawn)[0]
     return generator.path(z0, scene.condition)
+
+
+class TabletopPictures(AbstractPictures[Scene]):
+    """Scenes: green regions are free, red ones obstructed, red outlines mark what collides."""
+
+    def write(
+        self, result: Scene, number: int, options: TabletopRender, field: Callable[[], Field]
+    ) -> Iterator[Path]:
+        """`scene_<number>.png`, a video and a MuJoCo model, whatever is asked for."""
+        generations = None
+        if options.nominal or options.video:
+            generations = regenerate(scene_generator(field()), result, number)
+        yield from write_pictures(
+            result, options.out / f"scene_{number:04d}.png", options.renderer, generations,
+            nominal=options.nominal, video=options.video, mjcf=options.mjcf,
+        )  # fmt: skip
+
+    def draw_evaluation(self, evaluation: AbstractEvaluation[Any], options: Any) -> None:
+        """Nothing: tables say it all."""
 
 
 class View(NamedTuple):

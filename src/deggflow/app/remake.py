@@ -1,56 +1,47 @@
 """What a user types to train weights again; it stands in their card."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from typing import Any
 
+from deggflow.task import Recipe
 from deggflow.train import Remake, TrainingConfig
 
 
-def bridge_commands(
-    recipe: Mapping[str, Any], config: TrainingConfig, segments: Sequence[int]
-) -> list[str]:
-    """Commands that make the bridge's demonstrations and train its field; `segments` as `run_segments`."""
-    made_by = ("training", "validation", "seed")
-    return _commands("bridge", made_by, recipe, _of_training(config), segments)
+def remake(task: str, recipe_kind: type[Recipe], architecture: Mapping[str, int]) -> Remake:
+    """Commands that make a task's demonstrations and train its field.
 
-
-def tabletop_commands(architecture: Mapping[str, int]) -> Remake:
-    """The same of the tabletop, whose field has sizes."""
+    Args:
+        task: Its name.
+        recipe_kind: Dataclass of its `data` options.
+        architecture: Sizes of the network by name, if they can be chosen.
+    """
+    options = [field.name for field in fields(recipe_kind)]
 
     def commands(
         recipe: Mapping[str, Any], config: TrainingConfig, segments: Sequence[int]
     ) -> list[str]:
-        made_by = ("training", "validation", "clearance", "seed")
-        options = {**_of_training(config), **architecture}
-        return _commands("tabletop", made_by, recipe, options, segments)
+        training = {
+            "batch": config.batch,
+            "learning_rate": config.learning_rate,
+            "seed": config.seed,
+            **architecture,
+        }
+        data = {name: recipe[name] for name in options if name in recipe}
+        return [
+            f"deggflow {task} data --out data {_words(data)}",
+            *(
+                f"deggflow {task} train --data data --out run --steps {steps} {_words(training)}"
+                for steps in segments
+            ),
+        ]
 
     return commands
 
 
-def _of_training(config: TrainingConfig) -> dict[str, Any]:
-    return {
-        "batch": config.batch,
-        "learning_rate": config.learning_rate,
-        "seed": config.seed,
-    }
-
-
-def _commands(
-    task: str,
-    made_by: Sequence[str],
-    recipe: Mapping[str, Any],
-    options: Mapping[str, Any],
-    segments: Sequence[int],
-) -> list[str]:
-    data = {name: recipe[name] for name in made_by if name in recipe}
-    return [
-        f"deggflow {task} data --out data {_words(data)}",
-        *(
-            f"deggflow {task} train --data data --out run --steps {steps} {_words(options)}"
-            for steps in segments
-        ),
-    ]
-
-
 def _words(options: Mapping[str, Any]) -> str:
-    return " ".join(f"--{name.replace('_', '-')} {value}" for name, value in options.items())
+    return " ".join(f"--{name.replace('_', '-')} {_value(each)}" for name, each in options.items())
+
+
+def _value(value: Any) -> str:
+    return " ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)

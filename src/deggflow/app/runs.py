@@ -7,41 +7,26 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, runtime_checkable
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from deggflow.jsonl import InputError
 from deggflow.output import ADVICE, ResumableOutput
 from deggflow.schema import parse_as
+from deggflow.task import AbstractGenerator, AbstractTask, GenerateOptions, check_range
+from deggflow.task.interface import Written
+from deggflow.task.options import MAX_COUNT
 
 from .session import progress
 
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-    from deggflow.train import Curve, TrainingConfig
-
-CHUNK = 512  # results between two writes of a long run
-MAX_COUNT = 1_000_000
-MAX_SEED = 2**31 - 1  # JAX's keys are made from 32-bit integers
-
-
-@runtime_checkable
-class Written(Protocol):
-    """Whatever has a line in a file."""
-
-    def to_json(self) -> Mapping[str, Any]:
-        """As it stands in a file."""
-
+    from deggflow.train import Curve
 
 R = TypeVar("R", bound=Written)
 C = TypeVar("C", bound=Written)
-
-
-def in_range(name: str, value: int, low: int, high: int) -> None:
-    """Refuses an argument that lies outside."""
-    if not low <= value <= high:
-        raise InputError(f"--{name} must lie in [{low}, {high}]; got {value}")
 
 
 def printable(text: str) -> str:
@@ -54,8 +39,6 @@ def printable(text: str) -> str:
 
 def digest_of_weights(path: Path | None) -> str | None:
     """What tells one weights file from another, its card included: content, whatever the file is called."""
-    from hashlib import sha256
-
     if path is None:
         return None
     from deggflow.weights import card_path
@@ -89,103 +72,88 @@ class ConditionSource(Generic[C]):
         (condition,) = self.part(number, 1)
         return bool(row.get("condition") == json.loads(json.dumps(condition.to_json())))
 
-    def chunks(
-        self,
-        generate: Callable[[list[C], int], list[R]],
-        first: int,
-        chunk: int | None = None,
-        *,
-        ahead: bool = False,
-    ) -> Iterator[list[R]]:
-        """Results from number `first` on, some at a time; `generate` is given conditions and the number of the first.
 
-        A chunk that a kill cut in two is generated again whole, as another batch rounds differently.
+def generated(
+    generator: AbstractGenerator[C, R],
+    asked: ConditionSource[C],
+    options: GenerateOptions,
+    first: int,
+    bars: "Progress",
+) -> Iterator[list[R]]:
+    """Results from number `first` on, some at a time, as soon as they are finished.
 
-        Args:
-            generate: Conditions and the number of the first of them -> results.
-            first: Number of the first result that is wanted.
-            chunk: How many at a time; `CHUNK` if None.
-            ahead: Begin with the next chunk while one is judged and written; `generate` is called from two threads.
-        """
-        chunk = CHUNK if chunk is None else chunk
+    A chunk that a kill cut in two is generated again whole, as another batch rounds differently; what is written of it
+    already is passed over.
+    """
+    chunking = generator.chunking(*asked.part(0, 1))
+    bar = None
 
-        def results(start: int) -> list[R]:
-            found = generate(self.part(start, min(chunk, self.count - start)), start)
-            return found[max(0, first - start) :]
+    def tell(status: str) -> None:
+        nonlocal bar
+        bar = bars.add_task("", total=None) if bar is None else bar
+        bars.update(bar, description=status)
 
-        starts = range(first // chunk * chunk, self.count, chunk)
-        if not ahead or len(starts) < 2:
-            yield from map(results, starts)
-            return
-        yield results(starts[0])  # compiles for the others
-        pool = ThreadPoolExecutor(2)
-        try:
-            coming = deque(pool.submit(results, start) for start in starts[1:3])
-            for start in starts[3:]:
-                yield coming.popleft().result()
-                coming.append(pool.submit(results, start))
-            while coming:
-                yield coming.popleft().result()
-        finally:
-            pool.shutdown(cancel_futures=True)
+    def results(start: int) -> Iterator[list[R]]:
+        number = start
+        for some in generator.generate(
+            asked.part(start, min(chunking.size, asked.count - start)),
+            seed=options.seed,
+            first=start,
+            max_draws=options.max_draws if options.guided else 1,
+            on_status=tell,
+        ):
+            yield some[max(0, first - number) :]
+            number += len(some)
 
-    def streams(
-        self, generate: Callable[[list[C], int], Iterator[list[R]]], first: int
-    ) -> Iterator[list[R]]:
-        """Results from number `first` on, as soon as they are finished; arguments as of `chunks`.
-
-        A chunk that a kill cut in two begins anew; what is written of it already is passed over.
-        """
-        for start in range(first // CHUNK * CHUNK, self.count, CHUNK):
-            number = start
-            for some in generate(self.part(start, min(CHUNK, self.count - start)), start):
-                yield some[max(0, first - number) :]
-                number += len(some)
+    starts = range(first // chunking.size * chunking.size, asked.count, chunking.size)
+    if chunking.concurrent and len(starts) > 1:
+        yield from _ahead(lambda start: list(results(start)), starts)
+    else:
+        for start in starts:
+            yield from results(start)
 
 
-def wanted(
-    conditions: Path | None,
-    size: int | None,
-    count: int | None,
-    *,
-    sizes: tuple[int, int],
-    read: Callable[[Path], list[C]],
-    draw: Callable[[int, int, int], list[C]],
-) -> ConditionSource[C]:
+def _ahead(results: Callable[[int], list[list[R]]], starts: Sequence[int]) -> Iterator[list[R]]:
+    """Results of every start in order; two more are begun while those of one are judged and written."""
+    yield from results(starts[0])  # compiles for the others
+    pool = ThreadPoolExecutor(2)
+    try:
+        coming = deque(pool.submit(results, start) for start in starts[1:3])
+        for start in starts[3:]:
+            yield from coming.popleft().result()
+            coming.append(pool.submit(results, start))
+        while coming:
+            yield from coming.popleft().result()
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def wanted(task: AbstractTask[C, R], options: GenerateOptions) -> ConditionSource[C]:
     """What --conditions, or --size and --count, ask for.
-
-    Args:
-        conditions: A file, or None.
-        size: Of drawn conditions, or None.
-        count: How many are drawn; 1 if None.
-        sizes: Least and largest size.
-        read: All conditions of a file.
-        draw: Conditions of a size: size, number of the first, how many.
 
     Raises:
         InputError: The arguments do not go together, or the file is bad.
     """
-    if (conditions is None) == (size is None):
+    if (options.conditions is None) == (options.size is None):
         raise InputError("give either --conditions FILE or --size N (with --count M)")
-    if conditions is not None:
-        if count is not None:
+    if options.conditions is not None:
+        if options.count is not None:
             raise InputError("--count goes with --size, not with --conditions")
-        from hashlib import sha256
-
-        given = read(conditions)
+        conditions = task.read_conditions(options.conditions)
         # Of what was read, not of the file: a pipe can be read only once.
-        content = json.dumps([condition.to_json() for condition in given]).encode()
-        part = given.__getitem__
+        content = json.dumps([condition.to_json() for condition in conditions]).encode()
         return ConditionSource(
-            len(given),
+            len(conditions),
             0,
-            lambda first, many: part(slice(first, first + many)),
+            lambda first, many: conditions[first : first + many],
             sha256(content).hexdigest(),
         )
-    drawn, many = size or 0, 1 if count is None else count
-    in_range("size", drawn, *sizes)
-    in_range("count", many, 1, MAX_COUNT)
-    return ConditionSource(many, drawn, lambda first, some: draw(drawn, first, some))
+    size, count = options.size or 0, 1 if options.count is None else options.count
+    check_range("size", size, *task.sizes)
+    check_range("count", count, 1, MAX_COUNT)
+    return ConditionSource(
+        count, size, lambda first, many: task.random_conditions(size, many, first, options)
+    )
 
 
 def write_results(
@@ -289,20 +257,6 @@ def resumed_rows(
             lines.append([found[-1].to_json()])
             on_progress(len(found))
         return found
-
-
-def training_config(steps: int, batch: int, learning_rate: float, seed: int) -> "TrainingConfig":
-    """A checked configuration; `InputError` names what is wrong."""
-    in_range("seed", seed, 0, MAX_SEED)
-    in_range("batch", batch, 1, 100_000)
-    if not 0 < learning_rate < 1:
-        raise InputError(f"--learning-rate must lie in (0, 1); got {learning_rate}")
-    from deggflow.train import TrainingConfig
-
-    try:
-        return TrainingConfig(steps=steps, batch=batch, learning_rate=learning_rate, seed=seed)
-    except ValueError as error:
-        raise InputError(str(error)) from None
 
 
 @contextmanager

@@ -1,6 +1,7 @@
 """Demonstration files: written so that a kill loses nothing, read back, encoded so that they decode again."""
 
 import json
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -8,25 +9,23 @@ import numpy as np
 import pytest
 
 from deggflow.jsonl import InputError
+from deggflow.task import write_data
 from deggflow.tasks.bridge.codec import decode_twists, spline_matrix
-from deggflow.tasks.bridge.data import (
-    Recipe,
-    approaches,
-    load_dataset,
-    read_demonstrations,
-    write_data,
-)
+from deggflow.tasks.bridge.data import approaches, load_dataset, read_demonstrations
 from deggflow.tasks.bridge.expert import random_demonstration
+from deggflow.tasks.bridge.model import BridgeModel
+from deggflow.tasks.bridge.options import DemonstrationRecipe
 
+MODEL = BridgeModel()
 SIZES, TRAINING, VALIDATION = (4, 6), 4, 2
-RECIPE = Recipe(sizes=SIZES, training=TRAINING, validation=VALIDATION, seed=3)
+RECIPE = DemonstrationRecipe(sizes=SIZES, training=TRAINING, validation=VALIDATION, seed=3)
 TRAINING_FILE = "training.jsonl"
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("data")
-    write_data(path, RECIPE)
+    write_data(MODEL, path, RECIPE)
     return path
 
 
@@ -71,14 +70,14 @@ def test_a_killed_file_is_completed_to_the_same_bytes(folder, tmp_path, finished
     whole = (folder / TRAINING_FILE).read_bytes()
     lines = whole.splitlines(keepends=True)
     (tmp_path / TRAINING_FILE).write_bytes(b"".join(lines[:finished]) + lines[finished][:100])
-    write_data(tmp_path, RECIPE)
+    write_data(MODEL, tmp_path, RECIPE)
     assert (tmp_path / TRAINING_FILE).read_bytes() == whole
 
 
 def test_a_finished_folder_is_left_as_it_is(folder):
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     told = []
-    write_data(folder, RECIPE, lambda done, total: told.append((done, total)))
+    write_data(MODEL, folder, RECIPE, lambda done, total: told.append((done, total)))
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
     assert told[-1] == (12, 12)
 
@@ -86,7 +85,7 @@ def test_a_finished_folder_is_left_as_it_is(folder):
 def test_another_recipe_is_not_mixed_in(folder):
     before = (folder / TRAINING_FILE).read_bytes()
     with pytest.raises(InputError, match="seed"):
-        write_data(folder, RECIPE._replace(seed=4))
+        write_data(MODEL, folder, replace(RECIPE, seed=4))
     assert (folder / TRAINING_FILE).read_bytes() == before
 
 

@@ -9,16 +9,19 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from deggflow.app.remake import bridge_commands
+from deggflow.app.remake import remake
 from deggflow.jsonl import InputError
+from deggflow.task import train_field, write_data
 from deggflow.tasks.bridge.codec import spline_matrix
 from deggflow.tasks.bridge.condition import Scales, to_arrays
-from deggflow.tasks.bridge.data import Example, Recipe, write_data
+from deggflow.tasks.bridge.data import Example
 from deggflow.tasks.bridge.field import load_field
+from deggflow.tasks.bridge.model import BridgeModel, training_loss
+from deggflow.tasks.bridge.options import DemonstrationRecipe
 from deggflow.tasks.bridge.scenes import random_conditions
-from deggflow.tasks.bridge.training import train_field, training_loss
 from deggflow.train import TrainingConfig, read_curves
 
+MODEL, COMMANDS = BridgeModel(), remake("bridge", DemonstrationRecipe, {})
 AGENTS, DIM, T, K = 6, 24, 20, 8
 rng = np.random.default_rng(0)
 SCALES = Scales(
@@ -95,7 +98,7 @@ CONFIG = TrainingConfig(
 @pytest.fixture(scope="module")
 def data(tmp_path_factory):
     path = tmp_path_factory.mktemp("bridge") / "data"
-    write_data(path, Recipe(sizes=(4,), training=4, validation=2, seed=1))
+    write_data(MODEL, path, DemonstrationRecipe(sizes=(4,), training=4, validation=2, seed=1))
     return path
 
 
@@ -103,7 +106,7 @@ def data(tmp_path_factory):
 def run(data, tmp_path_factory):
     """A tiny training run: the folder and the field."""
     out = tmp_path_factory.mktemp("bridge") / "run"
-    return out, train_field(data, out, CONFIG, commands=bridge_commands)
+    return out, train_field(MODEL, data, out, CONFIG, commands=COMMANDS)
 
 
 def test_training_lowers_the_loss(run):
@@ -130,13 +133,13 @@ def test_a_finished_run_is_not_trained_again(run, data):
     """Read from its last checkpoint: the same weights, to the bit."""
     out, _ = run
     before = (out / "field.safetensors").read_bytes()
-    train_field(data, out, CONFIG, commands=bridge_commands)
+    train_field(MODEL, data, out, CONFIG, commands=COMMANDS)
     assert (out / "field.safetensors").read_bytes() == before
 
 
 def test_a_finished_run_is_extended_and_its_card_says_so(run, data, tmp_path):
     out = shutil.copytree(run[0], tmp_path / "run")
-    train_field(str(data), str(out), replace(CONFIG, steps=60), commands=bridge_commands)
+    train_field(MODEL, str(data), str(out), replace(CONFIG, steps=60), commands=COMMANDS)
     card = json.loads((out / "field.json").read_text())
     assert card["training"]["steps"] == 60
     assert card["training"]["segments"] == [40, 60]
@@ -154,9 +157,9 @@ def test_other_data_are_not_mixed_in(run, data, tmp_path):
     lines = (other / "training.jsonl").read_text().splitlines(keepends=True)
     (other / "training.jsonl").write_text("".join(lines[:-1]))
     with pytest.raises(InputError, match=r"`training\.z` is float32 \(\d+, 6, 24\) here, float32"):
-        train_field(other, run[0], CONFIG)
+        train_field(MODEL, other, run[0], CONFIG)
 
 
 def test_other_settings_are_not_mixed_in(run, data):
     with pytest.raises(InputError, match="batch"):
-        train_field(data, run[0], TrainingConfig(**{**CONFIG.__dict__, "batch": 9}))
+        train_field(MODEL, data, run[0], TrainingConfig(**{**CONFIG.__dict__, "batch": 9}))

@@ -5,14 +5,17 @@ from functools import partial
 
 import pytest
 
-from deggflow.app.evaluation import run_evaluation
+from deggflow.app.runs import run_jobs
+from deggflow.app.tables import show
 from deggflow.tasks.tabletop import evaluate as module
 from deggflow.tasks.tabletop.changes import random_conditions
 from deggflow.tasks.tabletop.condition import SceneCondition
 from deggflow.tasks.tabletop.evaluate import evaluate
 from deggflow.tasks.tabletop.formats import parse_scene
 from deggflow.tasks.tabletop.generator import TabletopGenerator
+from deggflow.tasks.tabletop.options import TabletopEvaluate
 from deggflow.tasks.tabletop.oracle import refutes
+from deggflow.tasks.tabletop.report import evaluation_of
 
 CASES, SIZE, SEED, DRAWS = 4, 8, 4, 3
 IMPOSSIBLE = SceneCondition(("laptop", "desk_lamp"), width=0.1, depth=0.1)
@@ -49,15 +52,19 @@ def test_every_refused_draw_is_told(field):
 
 def test_refused_draws_stand_in_a_file_one_a_line(field, tmp_path, capsys):
     """And what runs twice adds nothing that it has not done again."""
-    settings = {
-        "sizes": [SIZE],
-        "requirements": ["changed"],
-        "cases": CASES,
-        "seed": SEED,
-        "max_draws": DRAWS,
-    }
     out, failures = tmp_path / "rows.jsonl", tmp_path / "failures.jsonl"
-    assert run_evaluation(field, settings, out, failures) == 3
+    options = TabletopEvaluate(
+        sizes=(SIZE,), cases=CASES, seed=SEED, max_draws=DRAWS, failures=failures
+    )
+
+    def run():
+        evaluation = evaluation_of(field, options, None)
+        rows = run_jobs(evaluation.jobs, evaluation.row, evaluation.settings, out)
+        for table in evaluation.tables(rows):
+            show(table)
+        return evaluation.complete(rows)
+
+    assert not run()
     told = capsys.readouterr().out
     assert "75.0%" in told  # satisfied
     assert "On the way of the first draws" in told
@@ -73,6 +80,6 @@ def test_refused_draws_stand_in_a_file_one_a_line(field, tmp_path, capsys):
     reasons = [row["scene"]["certificate"]["reason"] for row in rows if row["number"] == 2]
     assert len(reasons) == DRAWS
     assert all("laptop" in reason or "desk_lamp" in reason for reason in reasons)
-    assert run_evaluation(field, settings, out, failures) == 3
+    assert not run()
     assert capsys.readouterr().out == told
     assert failures.read_text().splitlines() == lines

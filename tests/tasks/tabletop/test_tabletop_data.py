@@ -2,25 +2,30 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from deggflow.jsonl import InputError
-from deggflow.tasks.tabletop.data import Recipe, load_dataset, make_scenes, write_data
+from deggflow.task import write_data
+from deggflow.tasks.tabletop.data import load_dataset, make_scenes
 from deggflow.tasks.tabletop.formats import read_scenes
+from deggflow.tasks.tabletop.model import TabletopModel
+from deggflow.tasks.tabletop.options import SceneRecipe
 from deggflow.tasks.tabletop.oracle import least_margin
 
+MODEL = TabletopModel()
 SIZES, COUNT = (5, 6), 17
 # So many of a size that what a kill leaves to be made fits into a smaller compiled batch than the whole.
-RECIPE = Recipe(sizes=SIZES, training=COUNT, validation=COUNT)
+RECIPE = SceneRecipe(sizes=SIZES, training=COUNT, validation=COUNT)
 PARTS = ("training", "validation")
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("data")
-    write_data(path, RECIPE)
+    write_data(MODEL, path, RECIPE)
     return path
 
 
@@ -44,7 +49,7 @@ def test_scenes_hold_with_room_to_spare(folder):
 
 def test_a_scene_without_enough_room_is_drawn_again():
     """Where more room is asked for than the relaxation aims at, until an arrangement happens to have it."""
-    greedy = RECIPE._replace(spare=RECIPE.clearance + 0.02)
+    greedy = replace(RECIPE, spare=RECIPE.clearance + 0.02)
     scenes = [make_scenes(1, number, 1, greedy, 0)[0] for number in range(6)]
     assert all(least_margin(s.condition, s.poses) >= greedy.spare - 1e-9 for s in scenes)
     assert max(s.certificate.draws for s in scenes) > 1
@@ -67,14 +72,14 @@ def test_a_killed_file_is_completed_to_the_same_bytes(folder, tmp_path, finished
     lines = whole.splitlines(keepends=True)
     started = b"".join(lines[:finished]) + lines[finished][:100]
     (tmp_path / "training.jsonl").write_bytes(started)
-    write_data(tmp_path, RECIPE)
+    write_data(MODEL, tmp_path, RECIPE)
     assert (tmp_path / "training.jsonl").read_bytes() == whole
 
 
 def test_a_finished_folder_is_left_as_it_is(folder):
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     told = []
-    write_data(folder, RECIPE, lambda done, total: told.append((done, total)))
+    write_data(MODEL, folder, RECIPE, lambda done, total: told.append((done, total)))
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
     assert told[-1] == (4 * COUNT, 4 * COUNT)
 
@@ -82,7 +87,7 @@ def test_a_finished_folder_is_left_as_it_is(folder):
 def test_another_recipe_is_not_mixed_in(folder):
     before = (folder / "training.jsonl").read_bytes()
     with pytest.raises(InputError, match="seed"):
-        write_data(folder, RECIPE._replace(seed=1))
+        write_data(MODEL, folder, replace(RECIPE, seed=1))
     assert (folder / "training.jsonl").read_bytes() == before
 
 
@@ -116,6 +121,6 @@ def test_a_bad_data_file_is_refused(tmp_path):
 
 
 def test_what_cannot_be_arranged_is_refused(tmp_path):
-    impossible = Recipe(sizes=(1,), training=1, validation=1, spare=1.0)
+    impossible = SceneRecipe(sizes=(1,), training=1, validation=1, spare=1.0)
     with pytest.raises(InputError, match="no arrangement of 1 objects"):
-        write_data(tmp_path, impossible)
+        write_data(MODEL, tmp_path, impossible)

@@ -6,9 +6,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from deggflow.app.runs import MAX_SEED, in_range
 from deggflow.app.session import NOT_SATISFIED, SATISFIED, console, output, prepare_jax, progress
 from deggflow.jsonl import InputError
+from deggflow.task import check_range
+from deggflow.task.options import MAX_SEED
 
 if TYPE_CHECKING:
     from .curves import Sources
@@ -36,7 +37,7 @@ def reproduce(
         seed: Seed of cases and of z(0).
         only: Measure these experiments alone; others are shown if their results are there.
     """
-    in_range("seed", seed, 0, MAX_SEED)
+    check_range("seed", seed, 0, MAX_SEED)
     if out.exists() and not out.is_dir():
         raise InputError("is not a folder; --out names a folder", file=out)
     prepare_jax()

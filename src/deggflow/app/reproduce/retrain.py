@@ -5,7 +5,10 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from deggflow.app.remake import bridge_commands, tabletop_commands
+from deggflow.app.registry import SHIPPED
+from deggflow.app.remake import remake
+from deggflow.schema import parse_as
+from deggflow.task import train_field, write_data
 from deggflow.train import Curve, TrainingConfig
 from deggflow.weights import load_card
 
@@ -50,14 +53,21 @@ def retrain(weights: dict[str, Path], out: Path, *, quick: bool, say: Progress) 
     """
     found: dict[str, dict[int, Path]] = {}
     for task in TASKS:
+        entry = next(entry for entry in SHIPPED if entry.name == task)
+        model, recipe_kind = entry.load_task().model, entry.load_options().data
         wanted, data = plan(load_card(weights[task]), quick=quick), out / f"{task}-data"
         say(f"{task}: data")
-        _DATA[task](wanted, data, _told(say, f"{task}: data"))
+        recipe = parse_as(recipe_kind, {f.name: wanted.recipe[f.name] for f in fields(recipe_kind)})
+        write_data(model, data, recipe, _told(say, f"{task}: data"))
+        commands = remake(task, recipe_kind, wanted.architecture)
         found[task] = {}
         for seed in range(TRAINING_SEEDS):
             run = out / f"{task}-seed{seed}"
-            seeded = wanted._replace(config=replace(wanted.config, seed=seed))
-            _TRAINING[task](seeded, data, run, _shown(say, task, seeded.config))
+            config = replace(wanted.config, seed=seed)
+            train_field(
+                model, data, run, config, wanted.architecture, _shown(say, task, config),
+                commands=commands,
+            )  # fmt: skip
             found[task][seed] = run / "curves.csv"
     return found
 
@@ -72,34 +82,3 @@ def _shown(say: Progress, task: str, config: TrainingConfig) -> Shown:
         say(f"{task}, seed {config.seed}: step {curve.step:,} of {config.steps:,}, {losses}")
 
     return show
-
-
-def _tabletop_data(plan: Plan, data: Path, told: Callable[[int, int], None]) -> None:
-    from deggflow.tasks.tabletop.data import Recipe, write_data
-
-    given = {k: v for k, v in plan.recipe.items() if k in Recipe._fields}
-    write_data(data, Recipe(**{**given, "sizes": tuple(given["sizes"])}), told)
-
-
-def _bridge_data(plan: Plan, data: Path, told: Callable[[int, int], None]) -> None:
-    from deggflow.tasks.bridge.data import Recipe, write_data
-
-    given = {k: v for k, v in plan.recipe.items() if k in Recipe._fields}
-    write_data(data, Recipe(**{**given, "sizes": tuple(given["sizes"])}), told)
-
-
-def _train_tabletop(plan: Plan, data: Path, run: Path, show: Shown) -> None:
-    from deggflow.tasks.tabletop.training import train_field
-
-    commands = tabletop_commands(plan.architecture)
-    train_field(data, run, plan.config, plan.architecture, show, commands=commands)
-
-
-def _train_bridge(plan: Plan, data: Path, run: Path, show: Shown) -> None:
-    from deggflow.tasks.bridge.training import train_field
-
-    train_field(data, run, plan.config, show, commands=bridge_commands)
-
-
-_DATA = {"tabletop": _tabletop_data, "bridge": _bridge_data}
-_TRAINING = {"tabletop": _train_tabletop, "bridge": _train_bridge}

@@ -3,9 +3,10 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
-from deggflow.app.runs import Written, resumed_rows
+from deggflow.app.runs import resumed_rows
 from deggflow.jsonl import InputError
 from deggflow.output import ResumableOutput
+from deggflow.task.interface import Written
 
 from .experiment import Settings
 

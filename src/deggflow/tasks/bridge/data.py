@@ -1,8 +1,7 @@
 """Demonstrations of the bridge: made, written, read back as training windows."""
 
 from collections import Counter
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -17,7 +16,6 @@ from deggflow.jsonl import (
     expect_object,
     read_lines,
 )
-from deggflow.output import ResumableOutput, forget
 from deggflow.statistics import Rate
 from deggflow.train import Dataset
 
@@ -30,7 +28,6 @@ from .expert import (
     TURNS,
     Approach,
     Demonstration,
-    random_demonstration,
     windows,
 )
 from .formats import parse_condition, parse_twists
@@ -38,19 +35,9 @@ from .motion import contact_velocity
 from .verdict import integrate
 from .world import EXECUTED
 
-CHUNK = 256  # demonstrations between two writes
 SHAKEN = 0.5  # share of windows whose continuation is disturbed
 SHAKE = (0.06, 0.06, 0.05)  # m/s, m/s, rad/s, largest standard deviation of its spline coefficients
 _FEW = 1e-3  # least scale, where a statistic of the data vanishes
-
-
-class Recipe(NamedTuple):
-    """What the demonstrations are like."""
-
-    sizes: tuple[int, ...] = (4, 5, 6)
-    training: int = 3_000  # demonstrations of each size
-    validation: int = 200
-    seed: int = 0
 
 
 class Example(NamedTuple):
@@ -95,35 +82,6 @@ def parse_demonstration(value: Any) -> Demonstration:
 def read_demonstrations(path: StrPath) -> list[Demonstration]:
     """All demonstrations of a file, or `InputError` for the first that is wrong."""
     return read_lines(path, parse_demonstration, "bridge demonstration")
-
-
-def write_data(
-    folder: StrPath,
-    recipe: Recipe,
-    on_progress: Callable[[int, int], None] = lambda done, total: None,
-) -> None:
-    """Writes `training.jsonl` and `validation.jsonl`, or completes what a killed call left there."""
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    parts = (
-        ("training", recipe.training, 2 * recipe.seed),
-        ("validation", recipe.validation, 2 * recipe.seed + 1),
-    )
-    total = len(recipe.sizes) * (recipe.training + recipe.validation)
-    settings = {**recipe._asdict(), "sizes": list(recipe.sizes)}
-    done = 0
-    for name, count, seed in parts:
-        wanted = [(size, number) for size in recipe.sizes for number in range(count)]
-        path = folder / f"{name}.jsonl"
-        with ResumableOutput(path, settings, count=len(wanted), on_row=forget) as output:
-            done += output.done
-            on_progress(done, total)
-            for start in range(output.done, len(wanted), CHUNK):
-                chunk = wanted[start : start + CHUNK]
-                made = [random_demonstration(size, seed, number) for size, number in chunk]
-                output.append([to_json(demonstration) for demonstration in made])
-                done += len(made)
-                on_progress(done, total)
 
 
 def approaches(path: StrPath) -> dict[str, Rate]:

@@ -1,0 +1,226 @@
+"""The six commands of a task, made from the task: data, train, generate, certify, evaluate, render."""
+
+import inspect
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+from tyro.extras import SubcommandApp
+
+from deggflow.jsonl import InputError
+from deggflow.task import check_range
+
+from .registry import AbstractEntry
+from .session import NOT_SATISFIED, SATISFIED, console, prepare_jax, progress
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+    from deggflow.flow import Field
+
+PICTURES = 12  # lines of a file that are drawn if none are named
+
+
+def task_app(entry: AbstractEntry) -> SubcommandApp:
+    """The commands of a task."""
+    options, app = entry.load_options(), SubcommandApp()
+    for name, command, kind in (
+        ("data", _data, options.data),
+        ("train", _train, options.train),
+        ("generate", _generate, options.generate),
+        ("certify", _certify, options.certify),
+        ("evaluate", _evaluate, options.evaluate),
+        ("render", _render, options.render),
+    ):
+        app.command(name=name)(_in_terms_of(entry, command(entry), kind))
+    return app
+
+
+def _in_terms_of(
+    entry: AbstractEntry, command: Callable[..., int], kind: type[Any]
+) -> Callable[..., int]:
+    """A command that takes each field of the dataclass as an option, and calls results what the task calls them."""
+    nouns = f"{entry.noun}s"
+    for function in (command, inspect.unwrap(command)):  # tests check types in a wrapper
+        text = function.__doc__ or ""
+        function.__doc__ = text.replace("results", nouns).replace("result", entry.noun)
+        spelled_out = tyro.conf.arg(name="", prefix_name=False)
+        function.__annotations__["options"] = Annotated[kind, spelled_out]
+        if "file" in function.__annotations__:
+            shown = tyro.conf.arg(metavar=nouns.upper())
+            function.__annotations__["file"] = Annotated[Path, tyro.conf.Positional, shown]
+    return command
+
+
+def _data(entry: AbstractEntry) -> Callable[..., int]:
+    def data(out: Path, options: Any) -> int:
+        """Make training and validation data.
+
+        Args:
+            out: Folder that receives training.jsonl and validation.jsonl. Rerun the command to resume an interrupted run.
+            options: Which.
+        """
+        prepare_jax()
+        from deggflow.task import write_data
+
+        model = entry.load_task().model
+        with progress() as bars:
+            bar = bars.add_task(model.noun, total=None)
+            write_data(
+                model, out, options,
+                lambda done, total: bars.update(bar, completed=done, total=total),
+            )  # fmt: skip
+        for line in model.describe(out):
+            console().print(line)
+        console().print(f"Training and validation {model.noun} are in {out}.")
+        return SATISFIED
+
+    return data
+
+
+def _train(entry: AbstractEntry) -> Callable[..., int]:
+    def train(data: Path, out: Path, options: Any) -> int:
+        """Train a nominal field. Rerun the command to resume an interrupted run; more steps extend a finished one.
+
+        Args:
+            data: Folder with training.jsonl and validation.jsonl.
+            out: Folder that receives config.json, checkpoints, curves.csv, curves.png, field.safetensors and its card field.json.
+            options: How.
+        """
+        prepare_jax()
+        from deggflow.task import train_field
+        from deggflow.train import TrainingConfig
+
+        from .remake import remake
+        from .runs import shown_training
+
+        try:
+            config = TrainingConfig(
+                steps=options.steps, batch=options.batch, learning_rate=options.learning_rate,
+                seed=options.seed,
+            )  # fmt: skip
+        except ValueError as error:
+            raise InputError(str(error)) from None
+        sizes = options.architecture()
+        with shown_training(options.steps, out) as show:
+            train_field(
+                entry.load_task().model, data, out, config, sizes, show,
+                commands=remake(entry.name, entry.load_options().data, sizes),
+            )  # fmt: skip
+        console().print(f"Weights, card and curves are in {out}.")
+        return SATISFIED
+
+    return train
+
+
+def _generate(entry: AbstractEntry) -> Callable[..., int]:
+    def generate(options: Any) -> int:
+        """Generate results, each with its certificate, as JSON Lines.
+
+        Exit code 0: every result satisfies its requirements (or --guidance none); 3: some do not, and their lines
+        say why; 2: bad input.
+
+        Args:
+            options: What, and how.
+        """
+        prepare_jax()
+        from .runs import check_output, digest_of_weights, generated, wanted, write_results
+
+        task = entry.load_task()
+        asked = wanted(task, options)
+        settings = {
+            "command": f"{entry.name} generate",
+            "conditions": asked.digest,
+            "size": asked.size,
+            "count": asked.count,
+            **options.settings(),
+            "weights": digest_of_weights(options.weights),
+        }
+        check_output(options.out, settings)
+        generator = task.generator(task.model.load(options.weights), options)
+
+        def chunks(first: int, bars: "Progress") -> Iterator[list[Any]]:
+            return generated(generator, asked, options, first, bars)
+
+        failed = write_results(
+            options.out, settings, asked, f"{task.noun}s",
+            lambda row: task.fails(row, guided=options.guided), chunks,
+        )  # fmt: skip
+        where = "" if options.out is None else f" They are in {options.out}."
+        done = f"{asked.count - failed} of {asked.count} {task.claim.of(asked.count)}"
+        console().print(f"{done}.{where}")
+        return NOT_SATISFIED if failed and options.guided else SATISFIED
+
+    return generate
+
+
+def _certify(entry: AbstractEntry) -> Callable[..., int]:
+    def certify(file: Path, options: Any) -> int:
+        """Check the results of a file anew, regardless of origin: independently of their generation, and against themselves.
+
+        Exit code 0: every result satisfies its requirements; 3: some do not, or something a line says is wrong;
+        2: bad input.
+
+        Args:
+            file: File of results, as `generate` writes it.
+            options: What of it.
+        """
+        from .certifying import certify_file
+
+        return certify_file(entry.load_task(), file, options)
+
+    return certify
+
+
+def _evaluate(entry: AbstractEntry) -> Callable[..., int]:
+    def evaluate(options: Any) -> int:
+        """Measure success: nominal beside guided, every claim checked by an independent oracle.
+
+        Args:
+            options: What, and on how many cases.
+        """
+        prepare_jax()
+        from .runs import digest_of_weights, run_jobs
+        from .tables import show
+
+        if not options.sizes:
+            raise InputError("--sizes must name at least one size")
+        task, digest = entry.load_task(), digest_of_weights(options.weights)
+        evaluation = task.evaluation(task.model.load(options.weights), options, digest)
+        rows = run_jobs(evaluation.jobs, evaluation.row, evaluation.settings, options.out)
+        for table in evaluation.tables(rows):
+            show(table)
+        entry.load_pictures().draw_evaluation(evaluation, options)
+        return SATISFIED if evaluation.complete(rows) else NOT_SATISFIED
+
+    return evaluate
+
+
+def _render(entry: AbstractEntry) -> Callable[..., int]:
+    def render(file: Path, options: Any) -> int:
+        """Draw results of a file; what fails is red.
+
+        Args:
+            file: File of results, as `generate` writes it.
+            options: What is drawn.
+        """
+        prepare_jax()
+        from functools import cache
+
+        task = entry.load_task()
+        results = task.read_results(file)
+        lines = options.lines or tuple(range(1, min(len(results), PICTURES) + 1))
+        for line in lines:
+            check_range("lines", line, 1, len(results))
+        pictures = entry.load_pictures()
+        field: Callable[[], Field] = cache(lambda: task.model.load(options.weights))
+        for line in lines:
+            try:
+                for path in pictures.write(results[line - 1][0], line, options, field):
+                    print(path, flush=True)
+            except InputError as error:
+                raise InputError(error.reason, file=file, line=line) from None
+        return SATISFIED
+
+    return render

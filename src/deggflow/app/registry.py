@@ -1,0 +1,167 @@
+"""Which tasks there are: the package's own, and those that other packages register.
+
+A package registers a task of its own in one line of its pyproject.toml:
+
+    [project.entry-points."deggflow.tasks"]
+    drones = "drones:DroneTask"
+
+A task that is no team task also registers how its results are drawn, under the same name in "deggflow.pictures".
+"""
+
+import importlib
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+from typing import TYPE_CHECKING, Any
+
+from deggflow.jsonl import InputError
+from deggflow.task import TaskOptions
+
+if TYPE_CHECKING:
+    from deggflow.task import AbstractPictures, AbstractTask
+
+GROUP, PICTURES = "deggflow.tasks", "deggflow.pictures"
+
+
+class AbstractEntry(ABC):
+    """Where a task and its parts are loaded from.
+
+    Attributes:
+        name: On the command line.
+        help: What its results are, in a sentence.
+    """
+
+    name: str
+    help: str
+
+    @property
+    @abstractmethod
+    def noun(self) -> str:
+        """What one of its results is called."""
+
+    @abstractmethod
+    def load_options(self) -> TaskOptions:
+        """The dataclasses of its options."""
+
+    @abstractmethod
+    def load_task(self) -> "AbstractTask[Any, Any]":
+        """The task; `InputError` where it can't be loaded."""
+
+    @abstractmethod
+    def load_pictures(self) -> "AbstractPictures[Any]":
+        """How its results are drawn."""
+
+
+@dataclass(frozen=True)
+class ShippedEntry(AbstractEntry):
+    """A task by the names of its objects, which are imported when they are needed.
+
+    Attributes:
+        name: On the command line.
+        help: What its results are, in a sentence.
+        result: What one of them is called.
+        options: "module:object" of its `TaskOptions`; these are read before JAX is loaded.
+        task: "module:class" of its `AbstractTask`.
+        pictures: "module:class" of its `AbstractPictures`.
+    """
+
+    name: str
+    help: str
+    result: str
+    options: str
+    task: str
+    pictures: str
+
+    @property
+    def noun(self) -> str:
+        """What one of its results is called."""
+        return self.result
+
+    def load_options(self) -> TaskOptions:
+        """The dataclasses of its options."""
+        options: TaskOptions = _object(self.options)
+        return options
+
+    def load_task(self) -> "AbstractTask[Any, Any]":
+        """The task."""
+        task: AbstractTask[Any, Any] = _object(self.task)()
+        return task
+
+    def load_pictures(self) -> "AbstractPictures[Any]":
+        """How its results are drawn."""
+        pictures: AbstractPictures[Any] = _object(self.pictures)()
+        return pictures
+
+
+SHIPPED = (
+    ShippedEntry(
+        "tabletop",
+        "Scenes of objects on a table, each easy to reach and use.",
+        "scene",
+        "deggflow.tasks.tabletop.options:OPTIONS",
+        "deggflow.tasks.tabletop.task:TabletopTask",
+        "deggflow.app.pictures:TabletopPictures",
+    ),
+    ShippedEntry(
+        "bridge",
+        "Robots push a plank over a gap and cross it.",
+        "trial",
+        "deggflow.tasks.bridge.options:OPTIONS",
+        "deggflow.tasks.bridge.task:BridgeTask",
+        "deggflow.app.bridge_pictures:BridgePictures",
+    ),
+)
+
+
+def _object(name: str) -> Any:
+    module, _, attribute = name.partition(":")
+    return getattr(importlib.import_module(module), attribute)
+
+
+class RegisteredEntry(AbstractEntry):
+    """A task that another package registers; it is imported as a whole, JAX included."""
+
+    def __init__(self, point: EntryPoint) -> None:
+        """Args: point: its line in the other package's metadata."""
+        self.point, self.name = point, point.name
+        self.help = f"A task of {point.module}."
+
+    @property
+    def noun(self) -> str:
+        """What one of its results is called."""
+        return self.load_task().noun
+
+    def load_options(self) -> TaskOptions:
+        """The dataclasses of its options."""
+        return self.load_task().options
+
+    def load_task(self) -> "AbstractTask[Any, Any]":
+        """The task; `InputError` where it can't be loaded."""
+        try:
+            task: AbstractTask[Any, Any] = self.point.load()()
+        except (ImportError, AttributeError) as error:
+            raise InputError(
+                f"the task {self.name!r}, registered as {self.point.value!r}, can't be loaded: {error}"
+            ) from None
+        return task
+
+    def load_pictures(self) -> "AbstractPictures[Any]":
+        """Of a team task, by its own `draw`; of any other, what is registered under the same name."""
+        from deggflow.task.team import AbstractTeamTask
+        from deggflow.view.team import TeamPictures
+
+        task = self.load_task()
+        if isinstance(task, AbstractTeamTask):
+            return TeamPictures(task)
+        for point in entry_points(group=PICTURES, name=self.name):
+            pictures: AbstractPictures[Any] = point.load()()
+            return pictures
+        raise InputError(f"no pictures are registered for {self.name!r} in the group {PICTURES!r}")
+
+
+def registered(taken: Sequence[str]) -> list[RegisteredEntry]:
+    """Tasks of other packages, but for those whose names are taken."""
+    return [
+        RegisteredEntry(point) for point in entry_points(group=GROUP) if point.name not in taken
+    ]

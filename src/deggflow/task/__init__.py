@@ -1,0 +1,86 @@
+"""What a task is made of: interfaces that it implements, and what all tasks share behind them."""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .data import write_data
+    from .interface import (
+        AbstractEvaluation,
+        AbstractGenerator,
+        AbstractPictures,
+        AbstractTask,
+        Chunking,
+        Claim,
+        Examination,
+        Table,
+    )
+    from .model import AbstractModel, TrainingData
+    from .options import (
+        CertifyOptions,
+        EvaluateOptions,
+        GenerateOptions,
+        Recipe,
+        RenderOptions,
+        TaskOptions,
+        TrainOptions,
+        check_range,
+    )
+    from .training import train_field
+
+# Loaded when first used: options are read before anybody waits for JAX.
+_HOME = {
+    "data": ("write_data",),
+    "interface": (
+        "AbstractEvaluation",
+        "AbstractGenerator",
+        "AbstractPictures",
+        "AbstractTask",
+        "Chunking",
+        "Claim",
+        "Examination",
+        "Table",
+    ),
+    "model": ("AbstractModel", "TrainingData"),
+    "options": (
+        "CertifyOptions",
+        "EvaluateOptions",
+        "GenerateOptions",
+        "Recipe",
+        "RenderOptions",
+        "TaskOptions",
+        "TrainOptions",
+        "check_range",
+    ),
+    "training": ("train_field",),
+}
+_MODULE = {name: module for module, names in _HOME.items() for name in names}
+
+__all__ = [
+    "AbstractEvaluation",
+    "AbstractGenerator",
+    "AbstractModel",
+    "AbstractPictures",
+    "AbstractTask",
+    "CertifyOptions",
+    "Chunking",
+    "Claim",
+    "EvaluateOptions",
+    "Examination",
+    "GenerateOptions",
+    "Recipe",
+    "RenderOptions",
+    "Table",
+    "TaskOptions",
+    "TrainOptions",
+    "TrainingData",
+    "check_range",
+    "train_field",
+    "write_data",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _MODULE:
+        return getattr(importlib.import_module(f"{__name__}.{_MODULE[name]}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,188 @@
+"""Options of the commands that every task has; a task adds its own by deriving from these. Knows nothing of JAX."""
+
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+from deggflow.jsonl import InputError
+
+MAX_COUNT = 1_000_000
+MAX_SEED = 2**31 - 1  # JAX's keys are made from 32-bit integers
+MAX_DRAWS = 10_000
+
+
+def check_range(
+    name: str, value: int | float, low: int | float, high: int | float, unit: str = ""
+) -> None:
+    """Refuses an option that lies outside its range, by its name on the command line."""
+    if not low <= value <= high:
+        unit = unit and f" {unit}"
+        raise InputError(
+            f"--{name.replace('_', '-')} must lie in [{low}, {high}]{unit}; got {value}"
+        )
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """Which demonstrations are made.
+
+    Attributes:
+        training: Training demonstrations of each size.
+        validation: Validation demonstrations of each size.
+        seed: Seed of the demonstrations.
+        sizes: Sizes of the teams.
+
+    Raises:
+        InputError: A setting lies outside of its range.
+    """
+
+    training: int = 4_000
+    validation: int = 400
+    seed: int = 0
+    sizes: tuple[int, ...] = (4, 5, 6)
+
+    def __post_init__(self) -> None:
+        check_range("training", self.training, 1, MAX_COUNT)
+        check_range("validation", self.validation, 1, MAX_COUNT)
+        check_range("seed", self.seed, 0, MAX_SEED // 2)  # two seeds are made of it
+        if not self.sizes or len(set(self.sizes)) < len(self.sizes):
+            raise InputError(
+                f"--sizes must be one size or several different ones; got {self.sizes}"
+            )
+
+    def to_json(self) -> dict[str, Any]:
+        """As it stands beside the data and in cards."""
+        return {**asdict(self), "sizes": list(self.sizes)}
+
+
+@dataclass(frozen=True)
+class TrainOptions:
+    """How a field is trained; fields that a task adds are sizes of its network.
+
+    Attributes:
+        steps: Training steps, a multiple of 500. Steps added to a finished run have a warm-up and a cosine of their own.
+        batch: Samples in a training step.
+        learning_rate: Peak of the cosine schedule.
+        seed: Seed of initial weights, batches and noise.
+    """
+
+    steps: int = 50_000
+    batch: int = 256
+    learning_rate: float = 1.5e-3
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name, value in self.architecture().items():
+            check_range(name, value, 1, 10_000)
+        check_range("seed", self.seed, 0, MAX_SEED)
+        check_range("batch", self.batch, 1, 100_000)
+        if not 0 < self.learning_rate < 1:
+            raise InputError(f"--learning-rate must lie in (0, 1); got {self.learning_rate}")
+
+    def architecture(self) -> dict[str, int]:
+        """Sizes of the network by name."""
+        common = {field.name for field in fields(TrainOptions)}
+        return {name: value for name, value in asdict(self).items() if name not in common}
+
+
+@dataclass(frozen=True)
+class GenerateOptions:
+    """What is generated, and how.
+
+    Attributes:
+        conditions: File of conditions, one JSON object a line.
+        size: Instead of a file: number of agents of randomly drawn conditions.
+        count: How many conditions to draw with --size (default 1).
+        seed: Seed of drawn conditions and of z(0).
+        out: File that receives the results, line by line; rerun the command to resume. Default: stdout.
+        guidance: degg: guided; none: the nominal field alone, one draw.
+        max_draws: How often a result is drawn again until it satisfies its requirements.
+        weights: Another weights file (.safetensors, card beside it).
+    """
+
+    conditions: Path | None = None
+    size: int | None = None
+    count: int | None = None
+    seed: int = 0
+    out: Path | None = None
+    guidance: Literal["degg", "none"] = "degg"
+    max_draws: int = 8
+    weights: Path | None = None
+
+    def __post_init__(self) -> None:
+        check_range("max-draws", self.max_draws, 1, MAX_DRAWS)
+        check_range("seed", self.seed, 0, MAX_SEED)
+
+    @property
+    def guided(self) -> bool:
+        """Whether guidance is asked for."""
+        return self.guidance == "degg"
+
+    def settings(self) -> dict[str, Any]:
+        """What tells runs apart, besides conditions and weights: JSON values by name."""
+        elsewhere = ("conditions", "size", "count", "out", "weights")
+        return {name: value for name, value in asdict(self).items() if name not in elsewhere}
+
+
+@dataclass(frozen=True)
+class CertifyOptions:
+    """What is checked of a file of results.
+
+    Attributes:
+        lines: Which lines of the file, from 1 (default: all).
+        conditions: File of the conditions that were asked for, in order: every line must be of the one of its number.
+        quiet: Print the totals alone.
+    """
+
+    lines: tuple[int, ...] = ()
+    conditions: Path | None = None
+    quiet: bool = False
+
+
+@dataclass(frozen=True)
+class EvaluateOptions:
+    """What is measured.
+
+    Attributes:
+        sizes: Numbers of agents.
+        seed: Seed of cases and of z(0).
+        max_draws: How often a case is drawn again until it satisfies its requirements.
+        out: JSON Lines file that receives the rows; rerun the command to resume.
+        weights: Another weights file (.safetensors, card beside it).
+    """
+
+    sizes: tuple[int, ...] = (4, 5, 6, 7, 8)
+    seed: int = 1
+    max_draws: int = 8
+    out: Path | None = None
+    weights: Path | None = None
+
+    def __post_init__(self) -> None:
+        check_range("seed", self.seed, 0, MAX_SEED)
+        check_range("max-draws", self.max_draws, 1, MAX_DRAWS)
+
+
+@dataclass(frozen=True)
+class RenderOptions:
+    """What is drawn of each result.
+
+    Attributes:
+        out: Folder that receives the pictures.
+        lines: Which lines of the file, from 1 (default: the first 12).
+        weights: Weights the results were generated with, where they have to be generated again.
+    """
+
+    out: Path = Path("pictures")
+    lines: tuple[int, ...] = ()
+    weights: Path | None = None
+
+
+class TaskOptions(NamedTuple):
+    """The dataclasses of a task's options, one for each command."""
+
+    data: type[Recipe] = Recipe
+    train: type[TrainOptions] = TrainOptions
+    generate: type[GenerateOptions] = GenerateOptions
+    certify: type[CertifyOptions] = CertifyOptions
+    evaluate: type[EvaluateOptions] = EvaluateOptions
+    render: type[RenderOptions] = RenderOptions

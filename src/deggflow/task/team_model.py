@@ -1,0 +1,125 @@
+"""The model of a team task: its demonstrations, and a message-passing field over its features."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import PRNGKeyArray
+
+from deggflow.field import MessagePassingField
+from deggflow.files import StrPath
+from deggflow.jsonl import InputError, expect_integer, expect_list, expect_number, expect_object
+from deggflow.train import Dataset
+from deggflow.weights import card_path, load_card, load_weights
+
+from .model import AbstractModel, TrainingData
+from .options import Recipe
+from .team_sample import TeamSample
+
+if TYPE_CHECKING:
+    from .team import AbstractTeamTask
+
+LARGEST = {"width": 8192, "rounds": 64, "head_width": 8192}  # that a card may name
+_FEW = 1e-3  # least spread of a coordinate
+
+
+class TeamModel(AbstractModel):
+    """Demonstrations by the task's expert; L_MAC."""
+
+    chunk = 256
+    loss_text = "L_MAC, tau ~ Unif[0, 1], z(0) ~ N(0, I)"
+
+    def __init__(self, task: "AbstractTeamTask") -> None:
+        """Args: task: whose model it is."""
+        self._task = task
+        self.task, self.noun, self.sizes = task.name, f"{task.noun}s", task.sizes
+
+    def demonstrate(
+        self, size: int, first: int, count: int, recipe: Recipe, seed: int
+    ) -> Sequence[Mapping[str, Any]]:
+        """Random conditions, and what the task's expert makes of them."""
+        rows = []
+        for number in range(first, first + count):
+            rng = np.random.default_rng([seed, size, number])
+            condition = self._task.random_condition(size, rng)
+            states = np.asarray(self._task.demonstrate(condition, rng), np.float64)
+            rows.append(TeamSample(condition, states, seed).to_json())
+        return rows
+
+    def describe(self, folder: Path) -> Sequence[str]:
+        """Nothing."""
+        return ()
+
+    def load_data(self, training: Path, validation: Path) -> TrainingData:
+        """Encoded states, and their spread in the training set."""
+        data, held_out = self._dataset(training), self._dataset(validation)
+        z, mask = np.asarray(data.z), np.asarray(data.mask)
+        spread = np.maximum(z[mask].std(axis=0), _FEW).astype(float).tolist()
+        return TrainingData(data, held_out, statistics=tuple(spread), card={"spread": spread})
+
+    def _dataset(self, path: Path) -> Dataset:
+        samples = self._task.read_demonstrations(path)
+        arrays, mask = self._task.stack([sample.condition for sample in samples])
+        z = np.zeros((*mask.shape, self._task.dim), np.float32)
+        for row, sample in zip(z, samples, strict=True):
+            row[: len(sample.states)] = sample.states / self._task.scale
+        return Dataset(jnp.asarray(z), arrays, jnp.asarray(mask))
+
+    def build(
+        self, key: PRNGKeyArray, data: TrainingData, architecture: Mapping[str, int]
+    ) -> MessagePassingField:
+        """An untrained field."""
+        return self._field(key, data.statistics, architecture)
+
+    def _field(
+        self, key: PRNGKeyArray, spread: tuple[float, ...], architecture: Mapping[str, int]
+    ) -> MessagePassingField:
+        size = self._task.sizes[1]
+        condition = self._task.random_condition(size, np.random.default_rng(0))
+        arrays = self._task.arrays(condition, size)
+        seen = jax.eval_shape(self._task.features, jnp.zeros((size, self._task.dim)), arrays)
+        return MessagePassingField(
+            self._task.features,
+            node_size=seen.node.shape[-1],
+            pair_size=seen.pair.shape[-1],
+            spread=spread,
+            key=key,
+            **architecture,
+        )
+
+    def load(self, path: StrPath | None = None) -> MessagePassingField:
+        """The field of a weights file and its card; `InputError` if they are not of this task."""
+        path = self._task.weights if path is None else Path(path)
+        if path is None:
+            raise InputError(
+                f"{self.task} has no weights of its own; give --weights FILE, as `train` wrote it"
+            )
+        card = load_card(path)
+        try:
+            if card.get("task") != self.task:
+                raise InputError(f"must be {self.task!r}; got {card.get('task')!r}", field="task")
+            given = expect_object(
+                card.get("architecture"), "architecture", tuple(LARGEST), tuple(LARGEST)
+            )
+            sizes = {
+                name: expect_integer(given[name], f"architecture.{name}", 1, most)
+                for name, most in LARGEST.items()
+            }
+            spread = tuple(
+                expect_number(each, f"spread[{k}]", _FEW / 2, 1e6, "")
+                for k, each in enumerate(expect_list(card.get("spread"), "spread"))
+            )
+            if len(spread) != self._task.dim:
+                raise InputError(
+                    f"must hold {self._task.dim} numbers; got {len(spread)}", field="spread"
+                )
+        except InputError as error:
+            raise InputError(error.reason, file=card_path(path), field=error.field) from None
+        skeleton = eqx.filter_eval_shape(
+            lambda key: self._field(key, spread, sizes), jax.random.key(0)
+        )
+        return load_weights(path, skeleton)

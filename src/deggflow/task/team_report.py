@@ -1,0 +1,151 @@
+"""What `evaluate` measures of a team task: nominal beside guided, every claim against the task's oracle."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+from deggflow.flow import Field
+from deggflow.statistics import Rate
+
+from .interface import AbstractEvaluation, Table
+from .options import EvaluateOptions, GenerateOptions, check_range
+from .team_sample import TeamSample
+
+if TYPE_CHECKING:
+    from .team import AbstractTeamTask
+
+
+@dataclass(frozen=True)
+class TeamOptions(EvaluateOptions):
+    """What is measured.
+
+    Attributes:
+        cases: Random cases of each size.
+    """
+
+    cases: int = 200
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_range("cases", self.cases, 1, 1_000_000)
+
+
+@dataclass(frozen=True)
+class TeamEvaluation:
+    """One size: counts out of `cases`.
+
+    Attributes:
+        size: Number of agents.
+        cases: Random conditions, with the same z(0) for nominal and guided samples.
+        nominal: Nominal samples that satisfy every requirement.
+        first_draw: Guided samples that do so at their first draw.
+        satisfied: Guided samples that do so within the limit of draws.
+        most_draws: Of any guided sample.
+        least_margin: Of the guided samples that are claimed to be satisfied, by the oracle; None if there are none.
+        refuted: Claims that the oracle finds false.
+    """
+
+    size: int
+    cases: int
+    nominal: int
+    first_draw: int
+    satisfied: int
+    most_draws: int
+    least_margin: float | None
+    refuted: int
+
+    def to_json(self) -> dict[str, Any]:
+        """As it stands in a file."""
+        return asdict(self)
+
+    def rate(self, count: int) -> Rate:
+        """A count as a share of the cases."""
+        return Rate(count, self.cases)
+
+
+class TeamSuccess(AbstractEvaluation[TeamEvaluation]):
+    """Nominal beside guided for each size."""
+
+    row = TeamEvaluation
+
+    def __init__(
+        self, task: "AbstractTeamTask", field: Field, options: TeamOptions, weights: str | None
+    ) -> None:
+        """Args: as of `AbstractTask.evaluation`."""
+        self._task, self._field, self._options = task, field, options
+        self.settings: Mapping[str, Any] = {
+            "command": f"{task.name} evaluate",
+            "cases": options.cases,
+            "sizes": list(options.sizes),
+            "seed": options.seed,
+            "max_draws": options.max_draws,
+            "weights": weights,
+        }
+        self.jobs = [self._job(size) for size in options.sizes]
+
+    def _job(self, size: int) -> Callable[[], TeamEvaluation]:
+        return lambda: self._measure(size)
+
+    def _samples(self, size: int, *, guided: bool) -> list[TeamSample]:
+        options = self._options
+        given = GenerateOptions(seed=options.seed, guidance="degg" if guided else "none")
+        conditions = self._task.random_conditions(size, options.cases, 0, given)
+        (samples,) = self._task.generator(self._field, given).generate(
+            conditions, seed=options.seed, first=0,
+            max_draws=options.max_draws if guided else 1, on_status=lambda status: None,
+        )  # fmt: skip
+        return samples
+
+    def _measure(self, size: int) -> TeamEvaluation:
+        nominal, guided = (self._samples(size, guided=guided) for guided in (False, True))
+        claimed = [sample for sample in guided if _satisfied(sample)]
+        margins = [self._task.least_margin(each.condition, each.states) for each in claimed]
+        return TeamEvaluation(
+            size,
+            self._options.cases,
+            nominal=sum(map(_satisfied, nominal)),
+            first_draw=sum(_draws(each) == 1 for each in claimed),
+            satisfied=len(claimed),
+            most_draws=max(map(_draws, guided)),
+            least_margin=min(margins, default=None),
+            refuted=sum(not margin >= -self._task.tolerance for margin in margins),
+        )
+
+    def tables(self, rows: Sequence[TeamEvaluation]) -> list[Table]:
+        """Success of each size."""
+        options = self._options
+        return [
+            Table(
+                f"{self._task.name.capitalize()}: success, {options.cases} cases a row, seed {options.seed}, "
+                "95% Wilson intervals",
+                (
+                    "N", "nominal", "guided, first draw", f"guided, <= {options.max_draws} draws",
+                    "most draws", "least margin", "refuted",
+                ),
+                [
+                    (
+                        row.size,
+                        row.rate(row.nominal),
+                        row.rate(row.first_draw),
+                        row.rate(row.satisfied),
+                        row.most_draws,
+                        "-" if row.least_margin is None else f"{row.least_margin:.3g}",
+                        row.refuted,
+                    )
+                    for row in rows
+                ],
+                "The same conditions and z(0) in both columns; refuted: claims of success that the oracle found false.",
+            )
+        ]  # fmt: skip
+
+    def complete(self, rows: Sequence[TeamEvaluation]) -> bool:
+        """Whether every case was satisfied, and no claim refuted."""
+        return all(row.satisfied == row.cases and not row.refuted for row in rows)
+
+
+def _satisfied(sample: TeamSample) -> bool:
+    return sample.certificate is not None and sample.certificate.satisfied
+
+
+def _draws(sample: TeamSample) -> int:
+    return 0 if sample.certificate is None else sample.certificate.draws

@@ -1,0 +1,91 @@
+"""A finished team and its line in a file; a demonstration is the same without a certificate."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from deggflow.certificate import Certificate
+from deggflow.jsonl import InputError, expect_integer, expect_list, expect_number, expect_object
+from deggflow.records import parse_certificate
+from deggflow.schema import parse_as
+
+from .options import MAX_SEED
+
+MAX_COORDINATE = 1e6  # in the task's units
+
+
+@dataclass(frozen=True)
+class TeamCondition:
+    """What a sample is conditioned on; a task derives its own from it, fields being JSON values."""
+
+    def to_json(self) -> Mapping[str, Any]:
+        """As it stands in a file."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class TeamSample:
+    """States of a team.
+
+    Attributes:
+        condition: What they were generated or demonstrated for.
+        states: Of every agent, in the task's units, shape (agents, dim).
+        seed: Of the run.
+        certificate: None for a demonstration.
+    """
+
+    condition: TeamCondition
+    states: Float[np.ndarray, "agents dim"]
+    seed: int
+    certificate: Certificate | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """As it stands in a file."""
+        made = {} if self.certificate is None else {"certificate": self.certificate.to_json()}
+        return {
+            "condition": self.condition.to_json(),
+            "agents": self.states.tolist(),
+            **made,
+            "seed": self.seed,
+        }
+
+
+def parse_sample(value: Any, kind: type[TeamCondition], dim: int, *, certified: bool) -> TeamSample:
+    """A sample from its JSON object.
+
+    Args:
+        value: What `json.loads` gave.
+        kind: Dataclass of its condition.
+        dim: Numbers of each agent.
+        certified: Whether it has a certificate; demonstrations have none.
+
+    Raises:
+        InputError: A field is not as it should be; names the field.
+    """
+    keys = ("condition", "agents", *(("certificate",) if certified else ()), "seed")
+    given = expect_object(value, "", keys, keys)
+    return TeamSample(
+        parse_as(kind, given["condition"], "condition"),
+        _states(given["agents"], dim),
+        expect_integer(given["seed"], "seed", 0, MAX_SEED),
+        parse_certificate(given["certificate"], "certificate") if certified else None,
+    )
+
+
+def _states(value: Any, dim: int) -> Float[np.ndarray, "agents dim"]:
+    rows = []
+    for k, item in enumerate(expect_list(value, "agents")):
+        field = f"agents[{k}]"
+        row = expect_list(item, field)
+        if len(row) != dim:
+            raise InputError(f"must hold {dim} numbers; got {len(row)}", field=field)
+        rows.append([
+            expect_number(number, f"{field}[{j}]", -MAX_COORDINATE, MAX_COORDINATE, "")
+            for j, number in enumerate(row)
+        ])  # fmt: skip
+    if not rows:
+        raise InputError("must hold at least one agent", field="agents")
+    return np.array(rows)

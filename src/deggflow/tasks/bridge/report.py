@@ -1,0 +1,239 @@
+"""What `deggflow bridge evaluate` measures and prints."""
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from typing import Any
+
+from deggflow.task import AbstractEvaluation, Table
+
+from .evaluate import SOURCES, Evaluation, Modes, Passes, count_modes, evaluate, passes
+from .field import BridgeField
+from .hard import HardPolicies, blocked_texts, evaluate_hard
+from .options import BridgeEvaluate
+
+_FAILURES = {
+    "plank_leaves": "plank leaves",
+    "support_lost": "plank loses support",
+    "robot_leaves": "robot leaves",
+    "robot_in_gap": "robot in the gap",
+    "time_out": "time ran out",
+    "other": "other",
+}
+
+
+class SuccessEvaluation(AbstractEvaluation[Evaluation]):
+    """Nominal beside guided for each size."""
+
+    row = Evaluation
+
+    def __init__(
+        self, field: BridgeField, options: BridgeEvaluate, settings: Mapping[str, Any]
+    ) -> None:
+        """Args: as of `evaluation_of`."""
+        self.field, self.options = field, options
+        self.settings = {**settings, "trials": options.trials, "sizes": list(options.sizes)}
+        self.jobs = [self._job(size) for size in options.sizes]
+
+    def _job(self, size: int) -> Callable[[], Evaluation]:
+        options = self.options
+        return lambda: evaluate(self.field, size, options.trials, options.seed, options.max_draws)
+
+    def tables(self, rows: Sequence[Evaluation]) -> list[Table | str]:
+        """Success, failures of nominal trials, policies, and what was blocked or refuted."""
+        texts = {
+            "Guided trials that do not bridge the gap:": [t for row in rows for t in row.blocked],
+            "Outcomes that the replay refutes:": [t for row in rows for t in row.refuted],
+        }
+        return [
+            self._success(rows),
+            _nominal_failures(rows),
+            self._policies(rows),
+            *(
+                "\n".join([heading, *(f"- {text}" for text in some)])
+                for heading, some in texts.items()
+                if some
+            ),
+        ]
+
+    def _success(self, rows: Sequence[Evaluation]) -> Table:
+        counted = f"{self.options.trials} trials a row, seed {self.options.seed}"
+        return Table(
+            f"Bridge: success, {counted}, 95% Wilson intervals",
+            ("N", "nominal", "guided", "blocked", "least margin", "refuted"),
+            [
+                (
+                    row.size,
+                    row.rate(row.nominal),
+                    row.rate(row.guided),
+                    len(row.blocked),
+                    f"{1000 * row.least_margin:.0f} mm",
+                    len(row.refuted),
+                )
+                for row in rows
+            ],
+            "The same starts and z(0) in both columns. blocked: guided trials that do not bridge the gap; least "
+            "margin: of everything guided trials executed, to any failure; refuted: outcomes, nominal or guided, that "
+            "a replay by Shapely found false.",
+        )
+
+    def _policies(self, rows: Sequence[Evaluation]) -> Table:
+        pairs = [(row, row.policies["nominal"], row.policies["guided"]) for row in rows]
+        return Table(
+            "Bridge: policies that end with q_task and q_safe below their bounds",
+            (
+                "N", "nominal policies", "both met", "guided policies", "both met, first draw",
+                f"both met, <= {self.options.max_draws} draws", "most draws",
+            ),
+            [
+                (
+                    row.size,
+                    nominal.generated,
+                    nominal.rate(nominal.met) if nominal.generated else "-",
+                    guided.generated,
+                    guided.rate(guided.met_at_once) if guided.generated else "-",
+                    guided.rate(guided.met) if guided.generated else "-",
+                    guided.most_draws,
+                )
+                for row, nominal, guided in pairs
+            ],
+        )  # fmt: skip
+
+    def complete(self, rows: Sequence[Evaluation]) -> bool:
+        """Whether every guided trial bridges the gap, and no outcome is refuted."""
+        return all(row.guided == row.trials and not row.refuted for row in rows)
+
+
+def _nominal_failures(rows: Sequence[Evaluation]) -> Table:
+    return Table(
+        "Bridge: how nominal trials fail",
+        ("N", "failed", *_FAILURES.values()),
+        [
+            (row.size, row.trials - row.nominal, *(row.failures[kind] for kind in _FAILURES))
+            for row in rows
+        ],
+    )
+
+
+class HardEvaluation(AbstractEvaluation[HardPolicies]):
+    """Guided policies from hard states."""
+
+    row = HardPolicies
+
+    def __init__(
+        self, field: BridgeField, options: BridgeEvaluate, settings: Mapping[str, Any]
+    ) -> None:
+        """Args: as of `evaluation_of`."""
+        self.field, self.options = field, options
+        self.settings = {**settings, "hard": options.hard, "sizes": list(options.sizes)}
+        self.jobs = [self._job(size) for size in options.sizes]
+
+    def _job(self, size: int) -> Callable[[], HardPolicies]:
+        options = self.options
+        return lambda: evaluate_hard(
+            self.field, size, options.hard, options.seed, options.max_draws
+        )
+
+    def tables(self, rows: Sequence[HardPolicies]) -> list[Table | str]:
+        """What became of the policies, and why the others were refused."""
+        options = self.options
+        table = Table(
+            f"Bridge: guided policies from hard states, {options.hard} a row, seed {options.seed}, 95% Wilson intervals",
+            (
+                "N", "first draw met", f"accepted, <= {options.max_draws} draws", "above a bound",
+                "refuted", "conditions held", "forced", "largest miss refused",
+            ),
+            [
+                (
+                    row.size,
+                    row.rate(row.met_at_once),
+                    row.rate(row.accepted),
+                    row.missed,
+                    row.refuted,
+                    row.rate(row.held),
+                    row.forced,
+                    f"{row.excess:.3g}",
+                )
+                for row in rows
+            ],
+            "Hard: within 0.1 m, either way, of the factors' buffers to a wall, to the gap or to lost support; three of four "
+            "on the move. above a bound: accepted, and q_task or q_safe ends above it in float64; refuted: accepted, and "
+            "Shapely finds something broken on the way; conditions held: accepted, and so at every point of the generation; "
+            "forced: accepted, with a step taken above a limit on the way; largest miss refused: of a factor over its bound.",
+        )  # fmt: skip
+        blocked = blocked_texts(rows)
+        text = "\n".join(["No draw accepted, the team stops:", *blocked])
+        return [table, *([text] if blocked else [])]
+
+    def complete(self, rows: Sequence[HardPolicies]) -> bool:
+        """Whether no accepted policy misses a bound or is refuted."""
+        return not any(row.missed or row.refuted for row in rows)
+
+
+class ModesEvaluation(AbstractEvaluation[Modes]):
+    """On which side planks pass from one symmetric start: demonstrations, nominal, guided."""
+
+    row = Modes
+
+    def __init__(
+        self, field: BridgeField, options: BridgeEvaluate, settings: Mapping[str, Any]
+    ) -> None:
+        """Args: as of `evaluation_of`."""
+        self.options = options
+        self.settings = {**settings, "modes": options.modes}
+        self.jobs = [self._job(source) for source in SOURCES]
+        # A figure draws what the rows count.
+        self.paths: Callable[[str], list[Passes]] = cache(
+            lambda source: passes(field, source, options.modes, options.seed, options.max_draws)
+        )
+
+    def _job(self, source: str) -> Callable[[], Modes]:
+        return lambda: count_modes(source, self.paths(source))
+
+    def tables(self, rows: Sequence[Modes]) -> list[Table]:
+        """Sides, and how far out."""
+        options = self.options
+        return [
+            Table(
+                f"Bridge: sides, {options.modes} from one symmetric start, seed {options.seed}, 95% Wilson intervals",
+                ("", "bridged", "left", "right", "farthest from the middle: 5%", "median", "95%"),
+                [
+                    (
+                        row.source,
+                        row.rate(row.bridged),
+                        row.rate(row.left),
+                        row.rate(row.trials - row.left),
+                        *(f"{value:.2f} m" for value in (row.low, row.median, row.high)),
+                    )
+                    for row in rows
+                ],
+                "left, right: where the plank's centre is farthest from the straight way between start and goal; "
+                "farthest: how far that is.",
+            )
+        ]
+
+    def complete(self, rows: Sequence[Modes]) -> bool:
+        """Always: it is counted, nothing is promised."""
+        return True
+
+
+def evaluation_of(
+    field: BridgeField, options: BridgeEvaluate, weights: str | None
+) -> SuccessEvaluation | HardEvaluation | ModesEvaluation:
+    """What the options ask for.
+
+    Args:
+        field: Nominal field.
+        options: Of `evaluate`.
+        weights: What tells the field from others; None for the shipped one.
+    """
+    settings = {
+        "command": "bridge evaluate",
+        "seed": options.seed,
+        "max_draws": options.max_draws,
+        "weights": weights,
+    }
+    if options.hard:
+        return HardEvaluation(field, options, settings)
+    if options.modes:
+        return ModesEvaluation(field, options, settings)
+    return SuccessEvaluation(field, options, settings)

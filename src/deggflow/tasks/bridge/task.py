@@ -1,0 +1,162 @@
+"""The bridge task, as the commands see it."""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple, cast
+
+from deggflow.consistency import Line, Wrong
+from deggflow.flow import Field
+from deggflow.task import (
+    AbstractGenerator,
+    AbstractTask,
+    Chunking,
+    Claim,
+    EvaluateOptions,
+    Examination,
+    GenerateOptions,
+    check_range,
+)
+
+from .condition import TrialCondition
+from .consistency import UNVERIFIED, contradictions, other_condition
+from .field import BridgeField
+from .formats import parse_condition, parse_trial
+from .generator import BridgeGenerator, Round
+from .model import BridgeModel
+from .options import OPTIONS, BridgeEvaluate, BridgeGenerate
+from .oracle import fastest_contact, refutation
+from .report import HardEvaluation, ModesEvaluation, SuccessEvaluation, evaluation_of
+from .requirements import bridge_guidance
+from .scenes import random_conditions
+from .trial import Trial
+from .world import MAX_ROBOTS, MIN_ROBOTS
+
+
+class TrialStream(AbstractGenerator[TrialCondition, Trial]):
+    """Trials as soon as they and those before them are over."""
+
+    def __init__(self, generator: BridgeGenerator) -> None:
+        """Args: generator: of trials."""
+        self.generator = generator
+
+    def chunking(self, condition: TrialCondition) -> Chunking:
+        """All trials of a chunk move on together."""
+        return Chunking()
+
+    def generate(
+        self,
+        conditions: Sequence[TrialCondition],
+        *,
+        seed: int,
+        first: int,
+        max_draws: int,
+        on_status: Callable[[str], None],
+    ) -> Iterator[list[Trial]]:
+        """As `BridgeGenerator.stream`."""
+
+        def tell(current: Round) -> None:
+            on_status(f"policy {current.policy + 1}, {len(current.trials)} trials under way")
+
+        return self.generator.stream(
+            conditions, seed=seed, first=first, max_draws=max_draws, on_round=tell
+        )
+
+
+def trial_generator(
+    field: BridgeField, *, guided: bool = True, speed_limit: float | None = None
+) -> BridgeGenerator:
+    """The generator of the commands: the default guidance, with a speed limit in m/s if there is one, or none."""
+    if not guided:
+        return BridgeGenerator(field)
+    guidance = bridge_guidance(field.scales, speed_limit=speed_limit)
+    return BridgeGenerator(field, guidance, speed_limit=speed_limit)
+
+
+class _Replayed(NamedTuple):
+    """What the totals of `certify` are made of."""
+
+    refuted: bool
+    fastest: float  # m/s, of a contact point
+
+
+class BridgeTask(AbstractTask[TrialCondition, Trial]):
+    """Task 1 of the paper: robots push a plank over a gap and cross it."""
+
+    name = "bridge"
+    noun = "trial"
+    sizes = (MIN_ROBOTS, MAX_ROBOTS)
+    options = OPTIONS
+    unverified = UNVERIFIED
+
+    @property
+    def claim(self) -> Claim:
+        """What success is."""
+        return Claim("trial bridges the gap", "trials bridge the gap")
+
+    @property
+    def model(self) -> BridgeModel:
+        """An expert's demonstrations and the paper's network."""
+        return BridgeModel()
+
+    def parse_condition(self, value: Any, field: str = "") -> TrialCondition:
+        """As `formats.parse_condition`."""
+        return parse_condition(value, field)
+
+    def random_conditions(
+        self, size: int, count: int, first: int, options: GenerateOptions
+    ) -> list[TrialCondition]:
+        """As `scenes.random_conditions`."""
+        return random_conditions(size, count, options.seed, first)
+
+    def other_condition(self, asked: TrialCondition, given: TrialCondition) -> Wrong | None:
+        """As `consistency.other_condition`."""
+        return other_condition(asked, given)
+
+    def parse_result(self, value: Any) -> Trial:
+        """As `formats.parse_trial`."""
+        return parse_trial(value)
+
+    def condition_of(self, result: Trial) -> TrialCondition:
+        """Start, goal and contact points."""
+        return result.condition
+
+    def generator(self, field: Field, options: GenerateOptions) -> TrialStream:
+        """Trials with the default guidance and a speed limit, or without any."""
+        limit = cast(BridgeGenerate, options).speed_limit
+        return TrialStream(
+            trial_generator(cast(BridgeField, field), guided=options.guided, speed_limit=limit)
+        )
+
+    def fails(self, row: Line, *, guided: bool) -> bool:
+        """Whether the gap is not bridged, or a guided trial has no certificate that holds."""
+        return (guided and not row["certificate"]["satisfied"]) or not row["outcome"]["success"]
+
+    def examine(self, result: Trial, line: Line) -> Examination:
+        """By an independent integrator and Shapely."""
+        refuted = refutation(line)
+        wrong = contradictions(line)
+        text = "the replay agrees" if refuted is None else f"the replay finds that {refuted}"
+        return Examination(
+            result.success and refuted is None,
+            text,
+            wrong,
+            result.certificate.table(),
+            _Replayed(refuted is not None, fastest_contact(line)),
+        )
+
+    def conclude(self, examinations: Sequence[Examination]) -> str:
+        """How many bridge the gap, what is refuted, and how fast robots moved."""
+        bridged = sum(each.holds for each in examinations)
+        refuted = sum(each.detail.refuted or bool(each.wrong) for each in examinations)
+        fastest = max((each.detail.fastest for each in examinations), default=0.0)
+        return (
+            f"{bridged} of {len(examinations)} trials bridge the gap; the replay refutes what {refuted} say; "
+            f"the fastest contact point moved at {fastest:.3f} m/s."
+        )
+
+    def evaluation(
+        self, field: Field, options: EvaluateOptions, weights: str | None
+    ) -> SuccessEvaluation | HardEvaluation | ModesEvaluation:
+        """Success and policies; or hard states; or the sides on which planks pass."""
+        for size in options.sizes:
+            check_range("sizes", size, MIN_ROBOTS, MAX_ROBOTS)
+        return evaluation_of(cast(BridgeField, field), cast(BridgeEvaluate, options), weights)

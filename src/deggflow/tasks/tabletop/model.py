@@ -1,0 +1,56 @@
+"""The tabletop's model: relaxed scenes, and a message-passing field that is trained on them."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from jaxtyping import PRNGKeyArray
+
+from deggflow.field import MessagePassingField
+from deggflow.files import StrPath
+from deggflow.task import AbstractModel, Recipe, TrainingData
+
+from .data import CHUNK, load_dataset, make_scenes
+from .field import build_field, load_field
+from .library import MAX_OBJECTS
+from .options import SceneRecipe
+from .symmetry import random_symmetry
+
+
+class TabletopModel(AbstractModel):
+    """Scenes that a relaxation makes; L_MAC under the table's four symmetries."""
+
+    task = "tabletop"
+    noun = "scenes"
+    sizes = (1, MAX_OBJECTS)
+    chunk = CHUNK
+    loss_text = (
+        "L_MAC, tau ~ Unif[0, 1], z(0) ~ N(0, I), the table's four symmetries drawn at random"
+    )
+
+    def demonstrate(
+        self, size: int, first: int, count: int, recipe: Recipe, seed: int
+    ) -> list[dict[str, Any]]:
+        """Scenes that satisfy the default requirements with room to spare."""
+        assert isinstance(recipe, SceneRecipe)
+        return [scene.to_json() for scene in make_scenes(size, first, count, recipe, seed)]
+
+    def describe(self, folder: Path) -> Sequence[str]:
+        """Nothing: scenes are of one kind."""
+        return ()
+
+    def load_data(self, training: Path, validation: Path) -> TrainingData:
+        """Encoded poses."""
+        return TrainingData(
+            load_dataset(training), load_dataset(validation), augment=random_symmetry
+        )
+
+    def build(
+        self, key: PRNGKeyArray, data: TrainingData, architecture: Mapping[str, int]
+    ) -> MessagePassingField:
+        """An untrained field of the given sizes."""
+        return build_field(key, **architecture)
+
+    def load(self, path: StrPath | None = None) -> MessagePassingField:
+        """As `load_field`."""
+        return load_field(path)

@@ -1,0 +1,170 @@
+"""What `deggflow tabletop evaluate` measures and prints."""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from itertools import product
+from typing import Any
+
+from deggflow.flow import Field
+from deggflow.task import AbstractEvaluation, Table
+
+from .evaluate import ALLOCATIONS, Comparison, Evaluation, Failure, compare, evaluate
+from .options import TabletopEvaluate
+
+
+class SuccessEvaluation(AbstractEvaluation[Evaluation]):
+    """Nominal beside guided for each size and family."""
+
+    row = Evaluation
+
+    def __init__(
+        self, field: Field, options: TabletopEvaluate, settings: Mapping[str, Any]
+    ) -> None:
+        """Args: as of `evaluation_of`."""
+        self.field, self.options, self.settings = field, options, settings
+        points = product(options.requirements, options.sizes)
+        self.jobs = [self._job(family, size) for family, size in points]
+
+    def _job(self, family: str, size: int) -> Callable[[], Evaluation]:
+        options = self.options
+
+        def run() -> Evaluation:
+            refused: list[Failure] = []
+            row = evaluate(
+                self.field, size, family, options.cases, options.seed, options.max_draws,
+                on_failure=refused.append,
+            )  # fmt: skip
+            if options.failures is not None:
+                with options.failures.open("a") as lines:
+                    lines.writelines(json.dumps(each.to_json()) + "\n" for each in refused)
+            return row
+
+        return run
+
+    def tables(self, rows: Sequence[Evaluation]) -> list[Table]:
+        """Success, and what happened on the way of the first draws."""
+        return [self._success(rows), self._first_draws(rows)]
+
+    def _success(self, rows: Sequence[Evaluation]) -> Table:
+        options = self.options
+        return Table(
+            f"Tabletop: success, {options.cases} cases a row, seed {options.seed}, 95% Wilson intervals",
+            (
+                "N", "requirements", "nominal default", "nominal changed", "guided, first draw",
+                f"guided, <= {options.max_draws} draws", "most draws", "refuted",
+            ),
+            [
+                (
+                    row.size,
+                    row.requirements,
+                    *map(
+                        row.rate,
+                        (row.nominal_default, row.nominal_changed, row.first_draw, row.satisfied),
+                    ),
+                    row.most_draws,
+                    row.refuted,
+                )
+                for row in rows
+            ],
+            "nominal default: the nominal scene under the default requirements; nominal changed: the same scene under the changed ones; "
+            "guided: from the same z(0); refuted: claims of success that the Shapely oracle found false.",
+        )  # fmt: skip
+
+    def _first_draws(self, rows: Sequence[Evaluation]) -> Table:
+        return Table(
+            "On the way of the first draws",
+            (
+                "N", "requirements", "conditions held", "contradicted", "with a forced step",
+                "evaluations: median, 99%, most",
+            ),
+            [
+                (
+                    row.size,
+                    row.requirements,
+                    row.rate(row.held),
+                    row.contradicted,
+                    row.forced,
+                    ", ".join(f"{number:.0f}" for number in row.evaluations),
+                )
+                for row in rows
+            ],
+            "conditions held: rows feasible and V below its limit at every accepted point of the first draw; contradicted: "
+            "these, and yet refused by the verdict; evaluations: of the guided field (100 steps and the end: 101).",
+        )  # fmt: skip
+
+    def complete(self, rows: Sequence[Evaluation]) -> bool:
+        """Whether every case was satisfied, and no claim of it refuted."""
+        return all(row.satisfied == row.cases and not row.refuted for row in rows)
+
+
+class AllocationComparison(AbstractEvaluation[Comparison]):
+    """The three allocations, re-anchored and not, on first draws."""
+
+    row = Comparison
+
+    def __init__(
+        self, field: Field, options: TabletopEvaluate, settings: Mapping[str, Any]
+    ) -> None:
+        """Args: as of `evaluation_of`."""
+        self.field, self.options, self.settings = field, options, settings
+        self.points = list(product(options.requirements, options.sizes, ALLOCATIONS, (False, True)))
+        self.jobs = [self._job(*point) for point in self.points]
+
+    def _job(
+        self, family: str, size: int, allocation: str, reanchored: bool
+    ) -> Callable[[], Comparison]:
+        options = self.options
+        return lambda: compare(
+            self.field, size, family, options.cases, options.seed,
+            allocation=allocation, reanchored=reanchored,
+        )  # fmt: skip
+
+    def tables(self, rows: Sequence[Comparison]) -> list[Table]:
+        """Success and deviation of each."""
+        options = self.options
+        return [
+            Table(
+                f"Tabletop: first draws, {options.cases} cases a row, seed {options.seed}, 95% Wilson intervals",
+                ("N", "requirements", "allocation", "re-anchored", "guided, first draw", "deviation"),
+                [
+                    (
+                        row.size,
+                        family,
+                        row.allocation,
+                        "yes" if row.reanchored else "no",
+                        row.rate(),
+                        f"{row.deviation:.3f}",
+                    )
+                    for (family, *_), row in zip(self.points, rows, strict=True)
+                ],
+                "Same cases and z(0) in every row of a size. deviation: RMS distance to the nominal sample, in z, per object.",
+            )
+        ]  # fmt: skip
+
+    def complete(self, rows: Sequence[Comparison]) -> bool:
+        """Always: what is worse than the default may fail."""
+        return True
+
+
+def evaluation_of(
+    field: Field, options: TabletopEvaluate, weights: str | None
+) -> SuccessEvaluation | AllocationComparison:
+    """What the options ask for.
+
+    Args:
+        field: Nominal field.
+        options: Of `evaluate`.
+        weights: What tells the field from others; None for the shipped one.
+    """
+    settings = {
+        "command": "tabletop evaluate",
+        "cases": options.cases,
+        "sizes": list(options.sizes),
+        "requirements": list(options.requirements),
+        "seed": options.seed,
+        "max_draws": options.max_draws,
+        "compare": options.compare,
+        "weights": weights,
+    }
+    kind = AllocationComparison if options.compare else SuccessEvaluation
+    return kind(field, options, settings)

@@ -1,0 +1,144 @@
+"""The tabletop task, as the commands see it."""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, cast
+
+from deggflow.consistency import Line, Wrong
+from deggflow.flow import Field
+from deggflow.task import (
+    AbstractGenerator,
+    AbstractTask,
+    Chunking,
+    Claim,
+    EvaluateOptions,
+    Examination,
+    GenerateOptions,
+    check_range,
+)
+
+from .changes import random_conditions
+from .condition import SceneCondition
+from .consistency import UNVERIFIED, contradictions, holds, other_condition
+from .formats import parse_condition, parse_scene
+from .generator import TabletopGenerator
+from .large import is_large, make_scenes
+from .library import MAX_LARGE, MAX_OBJECTS
+from .model import TabletopModel
+from .options import OPTIONS, TabletopEvaluate, TabletopGenerate
+from .report import AllocationComparison, SuccessEvaluation, evaluation_of
+from .requirements import tabletop_guidance
+from .scene import Scene
+
+
+class SceneStream(AbstractGenerator[SceneCondition, Scene]):
+    """Scenes and large scenes alike."""
+
+    def __init__(self, generator: TabletopGenerator, *, keep_trace: bool) -> None:
+        """Args: generator: of scenes; keep_trace: certificates have the whole trace."""
+        self.generator, self.keep_trace = generator, keep_trace
+
+    def chunking(self, condition: SceneCondition) -> Chunking:
+        """Large scenes gain nothing from being many, and each uses the whole machine."""
+        return Chunking(1) if is_large(condition) else Chunking(concurrent=True)
+
+    def generate(
+        self,
+        conditions: Sequence[SceneCondition],
+        *,
+        seed: int,
+        first: int,
+        max_draws: int,
+        on_status: Callable[[str], None],
+    ) -> Iterator[list[Scene]]:
+        """All at once."""
+        yield make_scenes(
+            self.generator, conditions, seed=seed, first=first, max_draws=max_draws,
+            keep_trace=self.keep_trace,
+        )  # fmt: skip
+
+
+def scene_generator(field: Field, *, guided: bool = True) -> TabletopGenerator:
+    """The generator of the commands: the default guidance, or none."""
+    return TabletopGenerator(field, tabletop_guidance() if guided else None)
+
+
+class TabletopTask(AbstractTask[SceneCondition, Scene]):
+    """Task 2 of the paper: arrangements of objects on a table, each easy to reach and use."""
+
+    name = "tabletop"
+    noun = "scene"
+    sizes = (1, MAX_LARGE)
+    options = OPTIONS
+    unverified = UNVERIFIED
+
+    @property
+    def claim(self) -> Claim:
+        """What success is."""
+        return Claim("scene satisfies every requirement", "scenes satisfy every requirement")
+
+    @property
+    def model(self) -> TabletopModel:
+        """Relaxed scenes and the message-passing field."""
+        return TabletopModel()
+
+    def parse_condition(self, value: Any, field: str = "") -> SceneCondition:
+        """As `formats.parse_condition`."""
+        return parse_condition(value, field)
+
+    def random_conditions(
+        self, size: int, count: int, first: int, options: GenerateOptions
+    ) -> list[SceneCondition]:
+        """Of the family that --requirements names."""
+        family = cast(TabletopGenerate, options).requirements
+        return random_conditions(size, count, family, options.seed, first)
+
+    def other_condition(self, asked: SceneCondition, given: SceneCondition) -> Wrong | None:
+        """As `consistency.other_condition`."""
+        return other_condition(asked, given)
+
+    def parse_result(self, value: Any) -> Scene:
+        """As `formats.parse_scene`."""
+        return parse_scene(value)
+
+    def condition_of(self, result: Scene) -> SceneCondition:
+        """Objects, requirements and table."""
+        return result.condition
+
+    def generator(self, field: Field, options: GenerateOptions) -> SceneStream:
+        """Scenes with the default guidance, or without any."""
+        keep_trace = cast(TabletopGenerate, options).trace
+        return SceneStream(scene_generator(field, guided=options.guided), keep_trace=keep_trace)
+
+    def fails(self, row: Line, *, guided: bool) -> bool:
+        """Whether the certificate says that a requirement is missed."""
+        return not row["certificate"]["satisfied"]
+
+    def examine(self, result: Scene, line: Line) -> Examination:
+        """By exact geometry and by Shapely."""
+        verdict = result.verdict()
+        good = holds(result, verdict)
+        reason = verdict.reason(result.condition.objects)
+        text = "now it holds" if good else f"now it does NOT hold: {reason}"
+        return Examination(
+            good,
+            f"{text} (least margin {verdict.min_margin:.3g} m)",
+            contradictions(line),
+            result.certificate.table(),
+        )
+
+    def conclude(self, examinations: Sequence[Examination]) -> str:
+        """How many hold, and of how many lines something is wrong."""
+        good = sum(each.holds for each in examinations)
+        wrong = sum(bool(each.wrong) for each in examinations)
+        return (
+            f"{good} of {len(examinations)} scenes satisfy every requirement; "
+            f"{wrong} lines say what is not so."
+        )
+
+    def evaluation(
+        self, field: Field, options: EvaluateOptions, weights: str | None
+    ) -> SuccessEvaluation | AllocationComparison:
+        """Success of nominal and guided scenes, or the allocations side by side."""
+        for size in options.sizes:
+            check_range("sizes", size, 1, MAX_OBJECTS)
+        return evaluation_of(field, cast(TabletopEvaluate, options), weights)
