@@ -1,7 +1,7 @@
-"""A PyTorch model of one's own, trained here and guided: three relays around a fire keep within their cable.
+"""Trains a small PyTorch model and guides it: three relays around a fire are linked by a cable of limited length.
 
-After `pip install 'deggflow[torch]'`: `python examples/torch_model.py`. The model knows where relays usually stand, in a
-triangle of a given size; it knows nothing of the cable that links them, whose length is asked for afterwards.
+Run `pip install 'deggflow[torch]'`, then `python examples/torch_model.py`. The model learns where the relays usually
+stand, in a triangle of a given size. It does not know the cable, whose length is a requirement during generation.
 """
 
 import jax
@@ -12,11 +12,11 @@ from deggflow import SharedFactor, SharedRequirements, TighteningBound, safe_nor
 from deggflow.field.torch import TorchField
 
 RELAYS = 3
-BUFFER = 0.02  # of the cable's length that guidance keeps free: it pays for discrete steps
+BUFFER = 0.02  # fraction of the cable kept free, which absorbs discretisation errors
 
 
 class Velocity(torch.nn.Module):
-    """An MLP of joint states, called as facebookresearch/flow_matching calls its models: `forward(x, t, **extras)`."""
+    """An MLP of joint states with the convention of facebookresearch/flow_matching: `forward(x, t, **extras)`."""
 
     def __init__(self, width: int = 64) -> None:
         super().__init__()
@@ -34,11 +34,11 @@ class Velocity(torch.nn.Module):
 
 
 def triangles(size: torch.Tensor, random: torch.Generator) -> torch.Tensor:
-    """Where relays usually stand: a triangle, turned at random, each corner somewhat nearer or farther out."""
+    """Training data: randomly rotated triangles, with some noise in each corner's distance from the centre."""
     samples = len(size)
     turn = 2 * torch.pi * (torch.rand(samples, 1, generator=random) + torch.arange(RELAYS) / RELAYS)
-    away = size[:, None] * (1 + 0.15 * torch.randn(samples, RELAYS, generator=random))
-    return torch.stack([away * turn.cos(), away * turn.sin()], dim=-1).flatten(1)
+    radius = size[:, None] * (1 + 0.15 * torch.randn(samples, RELAYS, generator=random))
+    return torch.stack([radius * turn.cos(), radius * turn.sin()], dim=-1).flatten(1)
 
 
 def train(steps: int = 800, batch: int = 256, seed: int = 0) -> Velocity:
@@ -61,23 +61,23 @@ def train(steps: int = 800, batch: int = 256, seed: int = 0) -> Velocity:
 
 
 def length(z):
-    """Length of the cable from relay to relay and back."""
+    """Length of a closed cable through all relays."""
     return jnp.sum(safe_norm(z - jnp.roll(z, 1, axis=0)))
 
 
 def too_long(tau, z, condition):
-    """q: how far the cable is overstretched, as a fraction of its length."""
+    """q: the missing length of the cable, as a fraction of its length; positive if it is too short."""
     return length(z) / condition["cable"] - 1
 
 
 def main(samples: int = 200, steps: int = 800) -> None:
-    """Prints how many of the same initial states end within the cable, nominal and guided."""
-    torch.set_num_threads(1)  # so small a network is slower on several
+    """Prints how many samples satisfy the cable's length, nominal and guided, from the same initial states."""
+    torch.set_num_threads(1)  # a network this small is slower on several threads
     field = TorchField(train(steps), extras=lambda c: {"size": c["size"]}, flat=True)
     factor = SharedFactor(too_long, TighteningBound(least=0.0), buffer=BUFFER, name="cable")
     cable = SharedRequirements((factor,))
     sizes = jnp.linspace(0.6, 1.4, samples)
-    conditions = {"size": sizes, "cable": 5.0 * sizes}  # that of the triangle itself is 5.2
+    conditions = {"size": sizes, "cable": 5.0 * sizes}  # the triangle needs 5.2 times its size
     for name, guided in (("nominal", False), ("guided", True)):
         result = sample(
             field, (cable,), key=jax.random.key(0), count=samples, shape=(RELAYS, 2),

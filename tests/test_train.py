@@ -229,7 +229,7 @@ def test_other_steps_are_refused_unless_they_extend_a_finished_run(tmp_path):
         with pytest.raises(InputError, match=f"`steps` is {steps} here, 40 in .* 20 are done"):
             train_number(tmp_path, steps)
     train_number(tmp_path)
-    with pytest.raises(InputError, match="`steps` is 30 here, and 40 are done in this folder"):
+    with pytest.raises(InputError, match="`steps` is 30 here, but 40 are done in this folder"):
         train_number(tmp_path, 30)
     with pytest.raises(KilledError):  # an extension is not finished either
         train_number(tmp_path, 80, on_progress=killed_at(60))
@@ -347,7 +347,7 @@ OLD = {"steps": 40, "batch": 4, "average": 0.9, "validate_every": 10}
         (("segments", 40), "field `segments`: must be a list; got 40"),
         (("segments", []), "field `segments`: must not be empty"),
         (("segments", [10, 10]), "field `segments[1]`: must lie in [11, "),
-        (("segments", [5]), "field `segments`: ends at 5, and there is a checkpoint of step 10"),
+        (("segments", [5]), "field `segments`: ends at 5, but there is a checkpoint of step 10"),
         (("data", None), "field `data`: must be a JSON object; got null"),
         (("field", {}), "`field` is test_train.Number here, absent in the run"),
         (("extra", 1), "field `extra`: unknown key"),
@@ -443,10 +443,13 @@ HEADER = "step,training,validation\n"
 @pytest.mark.parametrize(
     ("content", "reason"),
     [
-        (b"", "line 1: these are no training curves: must be step,training,validation; got ''"),
-        (b"step,training\n1,2\n", "line 1: these are no training curves"),
-        (b"[]", "line 1: these are no training curves"),
-        (b"\xff\xfe", "these are no training curves: not UTF-8 text"),
+        (
+            b"",
+            "line 1: is not a file of training curves: its header must be step,training,validation; got ''",
+        ),
+        (b"step,training\n1,2\n", "line 1: is not a file of training curves"),
+        (b"[]", "line 1: is not a file of training curves"),
+        (b"\xff\xfe", "is not a file of training curves: not UTF-8 text"),
         ((HEADER + "10,1.0,2.").encode(), "line 2: must end with a line break"),
         ((HEADER + "10,1.0\n").encode(), "line 2: must be a whole number and two numbers"),
         ((HEADER + "10,1.0,2.0\n1e1,1,2\n").encode(), "line 3: must be a whole number and two"),
@@ -504,7 +507,9 @@ def test_a_damaged_or_foreign_checkpoint_is_named(tmp_path, begun, how):
         kinds = {"cut": whole[:-5], "empty": b"", "a bit": whole[:-1] + bytes([whole[-1] ^ 1])}
         path.write_bytes(kinds[how])
     reason = "belongs to something else" if how.startswith("another") else "damaged|no safetensors"
-    with pytest.raises(InputError, match=rf"{path}: .*({reason}).*; remove it to go on") as caught:
+    with pytest.raises(
+        InputError, match=rf"{path}: .*({reason}).*; remove it to resume from"
+    ) as caught:
         train_number(folder, 20, **IDENTITY)
     assert caught.value.file == path
     path.unlink()
@@ -521,7 +526,7 @@ def test_data_whose_parts_differ_in_length_are_refused_by_name(tmp_path):
 
 
 def test_identities_are_what_json_has(tmp_path):
-    with pytest.raises(ValueError, match="`identity` must hold values that JSON has"):
+    with pytest.raises(ValueError, match="`identity` must hold values that JSON can represent"):
         train_number(tmp_path, 10, identity={"width": object()})
 
 

@@ -100,8 +100,8 @@ def half(x, t):
 @pytest.mark.parametrize(
     ("field", "message"),
     [
-        (JaxField(half), r"`half` returned .* shape \(3, 1\); .* \(3, 2\), as x has it: \(agents"),
-        (JaxField(half, flat=True), r"shape \(1,\); .* \(6,\), as x has it: \(agents \* dim\)"),
+        (JaxField(half), r"`half` returned .* shape \(3, 1\); .* \(3, 2\), like x: \(agents"),
+        (JaxField(half, flat=True), r"shape \(1,\); .* \(6,\), like x: \(agents \* dim\)"),
         (JaxField(half, batched=True), r"shape \(1, 3, 1\); .* \(1, 3, 2\), .* \(samples, agents"),
         (JaxField(lambda x, t: (x, t)), "`<lambda>` returned an object of type tuple"),
         (JaxField(lambda x, t: None), "an object of type NoneType"),

@@ -1,4 +1,4 @@
-"""Other ways to guide a flow, behind the same interface: what guidance is compared with."""
+"""Baselines: alternative methods for guiding a flow, with the interface of `DecoupledGuidance`."""
 
 from .baseline import AbstractBaseline, AbstractStateless, Constraints
 from .dual_flow import DualFlow, Multipliers

@@ -1,4 +1,4 @@
-"""What the baselines share: guidance without rows, and how constraints are given to it."""
+"""Base classes and constraints shared by the baselines, which are guidance without rows."""
 
 import abc
 from collections.abc import Callable
@@ -11,17 +11,18 @@ from jaxtyping import Array, Bool, Float
 from deggflow.guidance import AbstractGuidance, GuidanceReport, report_without_rows
 
 Constraints = Callable[[Float[Array, "agents dim"], Any], Float[Array, " constraints"]]
-"""h: (z, condition) -> one margin per constraint, `>= 0` where it holds; each constraint counts once."""
+"""h: (z, condition) -> one margin per constraint, `>= 0` where it holds, without duplicate constraints."""
 
-SHORTEST = 1e-6  # of tau: gains in 1 / (1 - tau) stay finite at tau = 1, where no step follows
+# Least time left, so that gains in 1 / (1 - tau) stay finite at tau = 1, after which no step follows.
+MIN_TIME_LEFT = 1e-6
 
 
 class AbstractBaseline(AbstractGuidance):
-    """Another way to guide, behind the interface of `DecoupledGuidance`; nothing is promised of its values."""
+    """An alternative method with the interface of `DecoupledGuidance`, without guarantees on requirement values."""
 
     @property
     def names(self) -> tuple[str, ...]:
-        """No rows."""
+        """Empty, as baselines have no rows."""
         return ()
 
     def on_forced_step(
@@ -31,12 +32,12 @@ class AbstractBaseline(AbstractGuidance):
         value: Float[Array, " rows"],
         above: Bool[Array, " rows"],
     ) -> Any:
-        """No limits: the state as it is."""
+        """The unchanged state, as baselines have no limits."""
         return state
 
 
 class AbstractStateless(AbstractBaseline):
-    """A baseline whose correction follows from the sample alone."""
+    """A baseline whose correction depends on the current sample only."""
 
     @abc.abstractmethod
     def correction(
@@ -46,7 +47,7 @@ class AbstractStateless(AbstractBaseline):
         drift: Float[Array, "agents dim"],
         condition: Any,
     ) -> Float[Array, "agents dim"]:
-        """What is added to the nominal field."""
+        """The input that is added to the nominal field."""
 
     def init(
         self,
@@ -54,7 +55,7 @@ class AbstractStateless(AbstractBaseline):
         condition: Any,
         mask: Bool[Array, " agents"] | None = None,
     ) -> None:
-        """No state."""
+        """None, as there is no state."""
 
     def __call__(
         self,
@@ -65,7 +66,7 @@ class AbstractStateless(AbstractBaseline):
         condition: Any,
         moving: Bool[Array, " agents"] | None = None,
     ) -> tuple[None, Float[Array, "agents dim"], GuidanceReport]:
-        """The correction, and a report without rows: efforts alone."""
+        """The correction, and a report without rows, which contains efforts only."""
         u = of_moving(self.correction(tau, z, drift, condition), moving)
         return None, u, report_without_rows(drift, u)
 
@@ -73,16 +74,22 @@ class AbstractStateless(AbstractBaseline):
 def of_moving(
     u: Float[Array, "agents dim"], moving: Bool[Array, " agents"] | None
 ) -> Float[Array, "agents dim"]:
-    """Inputs of the agents that move; zero for the others."""
+    """Inputs of the moving agents; zero for the others."""
     return u if moving is None else jnp.where(moving[:, None], u, 0.0)
 
 
 class Linearised(NamedTuple):
-    """Constraints to first order at one state."""
+    """Constraints linearised at one state.
 
-    margin: Float[Array, " constraints"]  # h
-    slope: Float[Array, "constraints agents dim"]  # dh/dz
-    rate: Float[Array, " constraints"]  # what the nominal field does to h
+    Attributes:
+        margin: h.
+        slope: dh/dz.
+        rate: dh/dtau along the nominal field.
+    """
+
+    margin: Float[Array, " constraints"]
+    slope: Float[Array, "constraints agents dim"]
+    rate: Float[Array, " constraints"]
 
 
 def linearise(
@@ -97,12 +104,12 @@ def linearise(
         return constraints(z, condition)
 
     margin, push = jax.linearize(margins, z)
-    # Forward mode: a team has fewer coordinates than constraints.
+    # Forward mode, as a team has fewer coordinates than constraints.
     basis = jnp.eye(z.size, dtype=z.dtype).reshape(-1, *z.shape)
     slope = jnp.moveaxis(jax.vmap(push)(basis), 0, -1).reshape(len(margin), *z.shape)
     return Linearised(margin, slope, jnp.sum(slope * drift[None], axis=(1, 2)))
 
 
-def left(tau: Float[Array, ""]) -> Float[Array, ""]:
-    """1 - tau, not zero."""
-    return jnp.maximum(1 - tau, SHORTEST)
+def time_left(tau: Float[Array, ""]) -> Float[Array, ""]:
+    """1 - tau, at least `MIN_TIME_LEFT`."""
+    return jnp.maximum(1 - tau, MIN_TIME_LEFT)

@@ -1,4 +1,4 @@
-"""Multipliers that flow along with the sample: a Lagrangian's saddle-point dynamics."""
+"""Multipliers that evolve with the sample: saddle-point dynamics of a Lagrangian."""
 
 from typing import Any, NamedTuple
 
@@ -9,16 +9,16 @@ from jaxtyping import Array, Bool, Float
 
 from deggflow.guidance import GuidanceReport, report_without_rows
 
-from .baseline import AbstractBaseline, Constraints, left, of_moving
+from .baseline import AbstractBaseline, Constraints, of_moving, time_left
 
 
 class Multipliers(NamedTuple):
     """The dual variables at the last point.
 
     Attributes:
-        value: lambda >= 0.
-        rate: dlambda/dtau there.
-        tau: Where that was.
+        value: lambda, clipped to lambda >= 0 where it is used.
+        rate: dlambda/dtau at this point.
+        tau: tau of this point.
     """
 
     value: Float[Array, " constraints"]
@@ -29,16 +29,16 @@ class Multipliers(NamedTuple):
 class DualFlow(AbstractBaseline):
     """dz/dtau = f - sum_k lambda_k grad g_k / (1 - tau), dlambda_k/dtau = gain g_k / (1 - tau), lambda >= 0.
 
-    Required is g = buffer - h <= 0. With `damping` the Lagrangian is an augmented one: damping [g_k]_+ is added to each
-    multiplier, without which such dynamics oscillate. Divided by 1 - tau, both settle in prescribed time. The multipliers
-    are the state of the guidance, and are carried from point to point by explicit Euler steps. Each agent needs the
-    states and multipliers of its neighbours.
+    The requirement is g = buffer - h <= 0. `damping` makes the Lagrangian an augmented one: damping [g_k]_+ is added to
+    each multiplier, as such dynamics oscillate otherwise. Because of the division by 1 - tau, both converge in prescribed
+    time. The multipliers are the state of the guidance, and are integrated from point to point by explicit Euler steps.
+    Each agent needs the states and multipliers of its neighbours.
 
     Attributes:
         constraints: h.
-        gain: Of the multipliers; the method's hyperparameter.
-        damping: Of the augmented term.
-        buffer: What is aimed at above h = 0.
+        gain: Gain of the multipliers, the method's hyperparameter.
+        damping: Weight of the augmented term.
+        buffer: Value of h that the method aims for.
 
     Source: saddle-point dynamics (Arrow, Hurwicz, Uzawa, 1958) along a flow, as Lagrangian dual flows do.
     """
@@ -54,9 +54,9 @@ class DualFlow(AbstractBaseline):
         condition: Any,
         mask: Bool[Array, " agents"] | None = None,
     ) -> Multipliers:
-        """Multipliers of zero."""
-        none = jnp.zeros(jax.eval_shape(self.constraints, z0, condition).shape, z0.dtype)
-        return Multipliers(none, none, jnp.zeros((), z0.dtype))
+        """Zero multipliers."""
+        zero = jnp.zeros(jax.eval_shape(self.constraints, z0, condition).shape, z0.dtype)
+        return Multipliers(zero, zero, jnp.zeros((), z0.dtype))
 
     def __call__(
         self,
@@ -67,13 +67,14 @@ class DualFlow(AbstractBaseline):
         condition: Any,
         moving: Bool[Array, " agents"] | None = None,
     ) -> tuple[Multipliers, Float[Array, "agents dim"], GuidanceReport]:
-        """Downhill on the Lagrangian for the sample, uphill for the multipliers."""
+        """Gradient descent of the Lagrangian in the sample, gradient ascent in the multipliers."""
         margin, pull = jax.vjp(lambda x: self.constraints(x, condition), z)
         violation = self.buffer - margin
         value = state.value + (tau - state.tau) * state.rate
         multiplier = jnp.maximum(value, 0.0)
-        (down,) = pull((multiplier + self.damping * jnp.maximum(violation, 0.0)) / left(tau))
+        weight = multiplier + self.damping * jnp.maximum(violation, 0.0)
+        (descent,) = pull(weight / time_left(tau))
         grows = (violation > 0) | (multiplier > 0)
-        rate = jnp.where(grows, self.gain / left(tau) * violation, 0.0)
-        u = of_moving(down, moving)
+        rate = jnp.where(grows, self.gain / time_left(tau) * violation, 0.0)
+        u = of_moving(descent, moving)
         return Multipliers(value, rate, tau), u, report_without_rows(drift, u)

@@ -1,26 +1,26 @@
-"""One central QP over all agents, as single-agent barrier methods would guide a team."""
+"""One central QP over all agents: a single-agent barrier method applied to a team."""
 
 from typing import Any
 
 import equinox as eqx
 from jaxtyping import Array, Float
 
-from .baseline import AbstractStateless, Constraints, left, linearise
+from .baseline import AbstractStateless, Constraints, linearise, time_left
 from .relaxed_qp import relaxed_input
 
 
 class JointBarrier(AbstractStateless):
     """The smallest joint input under one barrier row per constraint: grad h . (f + u) >= -gain (h - buffer) / (1 - tau).
 
-    A row that is met throughout closes its violation in prescribed time: (h - buffer) shrinks as (1 - tau)^gain.
-    One solver must know every agent's state and nominal field.
+    If a row is satisfied throughout, its violation vanishes in prescribed time: (h - buffer) shrinks as (1 - tau)^gain.
+    A central solver must know every agent's state and nominal field.
 
-    Args:
+    Attributes:
         constraints: h.
         gain: The method's hyperparameter.
-        buffer: What is aimed at above h = 0.
-        rows: Constraints that the QP looks at, the furthest from holding.
-        slack: Weight of the slack variables, without which contradicting rows would have no input at all.
+        buffer: Value of h that the method aims for.
+        rows: Number of constraints in the QP, the most violated ones.
+        slack: Weight of the slack variables, without which contradictory rows would have no solution.
 
     Source: flow matching barrier functions of SafeFlow (Dai et al., arXiv:2504.08661), for a team as a single agent.
     """
@@ -38,8 +38,8 @@ class JointBarrier(AbstractStateless):
         drift: Float[Array, "agents dim"],
         condition: Any,
     ) -> Float[Array, "agents dim"]:
-        """The QP's solution, an input for every agent at once."""
+        """The QP's solution: the inputs of all agents."""
         here = linearise(self.constraints, z, drift, condition)
-        b = -(here.rate + self.gain / left(tau) * (here.margin - self.buffer))
+        b = -(here.rate + self.gain / time_left(tau) * (here.margin - self.buffer))
         ell = -here.slope.reshape(len(b), -1)
         return relaxed_input(ell, b, rows=self.rows, slack=self.slack).reshape(z.shape)

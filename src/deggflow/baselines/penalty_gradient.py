@@ -7,20 +7,20 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .baseline import AbstractStateless, left
+from .baseline import AbstractStateless, time_left
 
 Violation = Callable[[Float[Array, "agents dim"], Any], Float[Array, " agents"]]
 """V_i: (z, condition) -> the violation of each agent."""
 
 
 class PenaltyGradient(AbstractStateless):
-    """u = -gain / (1 - tau) grad V: what most would write first, and the strongest of the simple ways.
+    """u = -gain / (1 - tau) grad V: the most common choice, and the strongest of the simple methods.
 
-    Each agent needs the states of its neighbours. Nothing tells which gain is enough.
+    Each agent needs the states of its neighbours. No theory determines a sufficient gain.
 
-    Args:
+    Attributes:
         violation: V_i of each agent.
-        gain: The method's hyperparameter; V has the square of its margins' unit.
+        gain: The method's hyperparameter; V has the unit of its margins squared.
 
     Source: gradient guidance, e.g. universal guidance (Bansal et al., 2024), guided flow matching (Feng et al., 2025).
     """
@@ -35,9 +35,9 @@ class PenaltyGradient(AbstractStateless):
         drift: Float[Array, "agents dim"],
         condition: Any,
     ) -> Float[Array, "agents dim"]:
-        """Downhill, as steeply as the time left asks for."""
+        """Gradient descent, faster as less time is left."""
 
         def total(z: Float[Array, "agents dim"]) -> Float[Array, ""]:
             return jnp.sum(self.violation(z, condition))
 
-        return -self.gain / left(tau) * jax.grad(total)(z)
+        return -self.gain / time_left(tau) * jax.grad(total)(z)

@@ -1,4 +1,4 @@
-"""First the whole sample without guidance, then a correction by some guidance."""
+"""Prediction of the whole sample without guidance, followed by a guided correction."""
 
 from typing import Any
 
@@ -13,7 +13,12 @@ from deggflow.step_guard import StepGuard
 
 
 class FadingField(eqx.Module):
-    """pull (1 - s) f(s, z): what is left of the nominal field in the correction, whose time s starts anew."""
+    """pull (1 - s) f(s, z): the nominal field during the correction, whose time s restarts at zero.
+
+    Attributes:
+        field: Nominal vector field.
+        pull: Strength of the nominal field at s = 0.
+    """
 
     field: Field
     pull: float | Float[Array, ""]
@@ -35,16 +40,16 @@ def predict_then_correct(
     pull: float | Float[Array, ""] = 2.0,
     guard: StepGuard | None = None,
 ) -> Generation:
-    """Half of the steps for the nominal generation, half for a correction of its end; returns the correction.
+    """Half of the steps for a nominal generation, half for a correction of its end point; returns the correction.
 
     Args:
         field: Nominal vector field.
-        corrector: Guidance of the correction; the source's is a joint barrier QP, but any will do.
+        corrector: Guidance of the correction; a joint barrier QP in the source, but any guidance is possible.
         z0: Initial samples.
-        condition: With a leading axis of samples.
-        steps: Of both phases together; those of the correction are refined toward its end.
-        pull: How strongly the fading field acts; with zero the correction moves what must move alone.
-        guard: Of the correction's steps.
+        condition: Condition with a leading axis of samples.
+        steps: Number of steps of both phases together; the correction's steps are refined toward its end.
+        pull: Strength of the fading field; with zero, the correction moves only what violates a requirement.
+        guard: Acceptance of the correction's steps.
 
     Source: SafeFlowMatcher (Yang et al., arXiv:2509.24243).
     """

@@ -1,4 +1,4 @@
-"""The QP of barrier methods: the smallest input under many rows, which may give way a little."""
+"""The QP of barrier methods: the smallest input under many rows with slack variables."""
 
 import jax
 import jax.numpy as jnp
@@ -16,25 +16,28 @@ def relaxed_input(
 ) -> Float[Array, " inputs"]:
     """Minimises `u @ u + slack * s @ s` subject to `ell @ u + b <= s`.
 
-    With a slack for every row the QP always has a solution; a row alone gives way by the share 1 / (1 + slack |ell|^2).
-    Only the `rows` constraints that are furthest from holding at u = 0 are looked at. Any other one, at the distance
-    d < 0, stays satisfied as long as |u| <= -d.
+    With a slack for every row, the QP always has a solution. A single active row is relaxed by the fraction
+    1 / (1 + slack |ell|^2) of b. Only the `rows` constraints that are most violated at u = 0 are included. Any other
+    constraint, at the distance d < 0, stays satisfied as long as |u| <= -d.
 
     Args:
-        ell: One row per constraint; rows of zeros count for nothing.
-        b: Positive where the input must act.
-        rows: How many constraints are looked at; static.
+        ell: One row per constraint; rows of zeros are ignored.
+        b: Offsets, positive where the input must act.
+        rows: Number of constraints that are included; static.
         slack: Weight of the slack variables.
+
+    Returns:
+        The input u.
     """
     length = jnp.sqrt(jnp.sum(ell**2, axis=-1))
-    live = length > 0
-    distance = jnp.where(live, b / jnp.where(live, length, 1.0), -jnp.inf)
+    nonzero = length > 0
+    distance = jnp.where(nonzero, b / jnp.where(nonzero, length, 1.0), -jnp.inf)
     count = min(rows, ell.shape[0])
     worst, index = jax.lax.top_k(distance, count)
-    used = jnp.isfinite(worst)
+    finite = jnp.isfinite(worst)
     wide = jnp.concatenate([ell[index], -jnp.eye(count, dtype=ell.dtype) / slack**0.5], axis=1)
     size = jnp.sqrt(length[index] ** 2 + 1 / slack)
-    unit = jnp.where(used[:, None], wide / size[:, None], 0.0)
-    away = jnp.where(used, b[index] / size, 0.0)
-    v, _ = project_origin(unit, away, resolution(ell.dtype))
+    unit = jnp.where(finite[:, None], wide / size[:, None], 0.0)
+    offset = jnp.where(finite, b[index] / size, 0.0)
+    v, _ = project_origin(unit, offset, resolution(ell.dtype))
     return v[: ell.shape[1]]

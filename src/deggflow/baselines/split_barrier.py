@@ -1,4 +1,4 @@
-"""Barrier rows split equally between those whom they touch, each agent solving its own QP with slack."""
+"""Barrier rows split equally among the agents they involve, with a QP with slack for each agent."""
 
 from typing import Any
 
@@ -7,22 +7,22 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .baseline import AbstractStateless, Constraints, left, linearise
+from .baseline import AbstractStateless, Constraints, linearise, time_left
 from .relaxed_qp import relaxed_input
 
 
 class SplitBarrier(AbstractStateless):
-    """Each agent takes 1 / k of a row that touches k agents, and gives way by a slack where it can't.
+    """Each agent takes 1 / k of a row that involves k agents, with a slack where it cannot satisfy its part.
 
-    The rows are those of `JointBarrier`, and so is the prescribed-time gain, where the source has a constant one:
-    with a constant gain nothing would have to hold at tau = 1. An agent must know the states and the nominal field
-    of all whom its constraints touch.
+    The rows and the prescribed-time gain are those of `JointBarrier`. The source has a constant gain, with which nothing
+    would guarantee that constraints hold at tau = 1. An agent must know the states and the nominal field of all agents
+    that its constraints involve.
 
-    Args:
+    Attributes:
         constraints: h.
         gain: The method's hyperparameter.
-        buffer: What is aimed at above h = 0.
-        rows: Constraints that each agent looks at, the furthest from holding.
+        buffer: Value of h that the method aims for.
+        rows: Number of constraints in each agent's QP, the most violated ones.
         slack: Weight of the slack variables.
 
     Source: `dec_share_cbf` in the code of GCBF+ (Zhang et al., arXiv:2401.14554).
@@ -41,11 +41,11 @@ class SplitBarrier(AbstractStateless):
         drift: Float[Array, "agents dim"],
         condition: Any,
     ) -> Float[Array, "agents dim"]:
-        """Every agent's own solution."""
+        """The solution of each agent's QP."""
         here = linearise(self.constraints, z, drift, condition)
-        touched = jnp.any(here.slope != 0, axis=-1)
-        share = 1 / jnp.maximum(jnp.sum(touched, axis=-1), 1)
-        b = -share * (here.rate + self.gain / left(tau) * (here.margin - self.buffer))
+        involves = jnp.any(here.slope != 0, axis=-1)
+        share = 1 / jnp.maximum(jnp.sum(involves, axis=-1), 1)
+        b = -share * (here.rate + self.gain / time_left(tau) * (here.margin - self.buffer))
 
         def of_agent(slope: Float[Array, "constraints dim"]) -> Float[Array, " dim"]:
             return relaxed_input(-slope, b, rows=self.rows, slack=self.slack)

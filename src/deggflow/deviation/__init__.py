@@ -1,4 +1,4 @@
-"""Distributional deviation: how far guidance moves what the nominal field generates, and what bounds it."""
+"""Distributional deviation of guided from nominal samples, and its upper bounds."""
 
 from .bound import Bounds, bounds, log_bound
 from .coupling import Coupled, couple

@@ -1,4 +1,4 @@
-"""Nominal and guided generations of the same z(0), side by side at every grid point."""
+"""Nominal and guided generations from the same z(0), at the same grid points."""
 
 from typing import Any, NamedTuple
 
@@ -15,16 +15,23 @@ from deggflow.step_guard import StepGuard
 
 
 class Coupled(NamedTuple):
-    """Nominal and guided states of the same z(0) under one condition (paper: X^nom, X^gui, Gamma)."""
+    """Nominal and guided states from the same z(0) under one condition (paper: X^nom, X^gui, Gamma).
+
+    Attributes:
+        tau: The grid.
+        nominal: Nominal states.
+        guided: Guided states.
+        correction: |Gamma|, the norm of all agents' g_i u_i together.
+    """
 
     tau: Float[Array, " points"]
     nominal: Float[Array, "samples points agents dim"]
     guided: Float[Array, "samples points agents dim"]
-    correction: Float[Array, "samples points"]  # |Gamma|, all agents' g_i u_i together
+    correction: Float[Array, "samples points"]
 
 
 class _Correcting(AbstractGuidance):
-    """The same guidance, with |g_i u_i| in the place of |u_i| in its reports."""
+    """Guidance whose reports contain |g_i u_i| instead of |u_i|."""
 
     inner: AbstractGuidance
 
@@ -77,13 +84,13 @@ def couple(
 
     Args:
         field: Nominal vector field.
-        guidance: What is compared with the nominal generation.
-        z0: Initial samples; no padding, which would count.
-        condition: One for all samples, as in the theorem.
-        grid: As of `generate`.
-        solver: As of `generate`.
-        guard: Of the guided steps. Without one, and with `EULER`, steps are those of the grid and `bounds` knows all of
-            them; otherwise its recursions over steps need not hold.
+        guidance: Guidance that is compared with the nominal generation.
+        z0: Initial samples, without padded agents, whose states would enter the distances.
+        condition: One condition for all samples, as in the theorem.
+        grid: As in `generate`.
+        solver: As in `generate`.
+        guard: Acceptance of the guided steps. The recursions of `bounds` are only valid without a guard and with
+            `EULER`, as then all steps are those of the grid.
 
     Source: paper, thm:wasserstein.
     """

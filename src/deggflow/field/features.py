@@ -1,4 +1,4 @@
-"""What a message-passing field reads: features of generative time, of agents and of pairs of agents."""
+"""Inputs of a message-passing field: features of generative time, of agents and of pairs of agents."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -11,16 +11,23 @@ TIME_FEATURES = 5
 
 
 class TeamFeatures(NamedTuple):
-    """Features of one sample's team, made by the task from (z, condition).
+    """Features of one sample's team, computed by the task from (z, condition).
 
-    Every agent hears of every other one; or, where `senders` and `weight` are given, of those alone.
+    Every agent receives messages from all other agents, or only from `senders` if these are given.
+
+    Attributes:
+        node: Features of each agent.
+        pair: Features of each pair, as [receiver, sender].
+        mask: True for agents that are present, False for padding.
+        senders: Indices of the agents that each agent receives messages from; None for all.
+        weight: Weight of each sender's message, 0 for no message.
     """
 
     node: Float[Array, "agents node"]
-    pair: Float[Array, "agents others pair"]  # [receiver, sender]
+    pair: Float[Array, "agents others pair"]
     mask: Bool[Array, " agents"]
     senders: Int[Array, "agents others"] | None = None
-    weight: Float[Array, "agents others"] | None = None  # of each sender's message, 0 for none
+    weight: Float[Array, "agents others"] | None = None
 
 
 def time_features(tau: Float[Array, ""]) -> Float[Array, " 5"]:
@@ -30,10 +37,10 @@ def time_features(tau: Float[Array, ""]) -> Float[Array, " 5"]:
 
 
 def stack_features(features: Sequence[Float[Array, "*rows"]]) -> Float[Array, "*rows features"]:
-    """`jnp.stack(features, axis=-1)`, made for a product with weights.
+    """`jnp.stack(features, axis=-1)`, laid out for a product with weights.
 
-    XLA works out a stack number by number; here every feature is written by a loop of its own, over vectors, and the
-    product that follows takes the features first.
+    XLA evaluates a stack element by element. Here, each feature is written by a separate vectorised loop, with features
+    as the first axis in memory, which the following product contracts.
     """
     out = jnp.zeros((len(features), *features[0].shape), features[0].dtype)
     for k, feature in enumerate(features):

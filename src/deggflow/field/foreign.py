@@ -1,4 +1,4 @@
-"""Models from outside as vector fields: how they are called, what they must return, and the adapter for JAX callables.
+"""Vector fields from external models: calling conventions, checks of the output, and the adapter for JAX callables.
 
 The adapter for PyTorch modules is `deggflow.field.torch`; it takes the same `call`, `extras` and `flat`.
 """
@@ -12,14 +12,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 Call = Callable[..., Any]
-"""(model, x, t, **extras) -> velocity: in which order and form a model takes its arguments."""
+"""(model, x, t, **extras) -> velocity: passes the arguments in the order and form that a model expects."""
 
 Extras = Callable[[Any], Mapping[str, Any]]
-"""What else a model takes, by name, from the condition."""
+"""Further arguments of a model, by name, computed from the condition."""
 
 
 def state_time(model: Callable[..., Any], x: Any, t: Any, **extras: Any) -> Any:
-    """`model(x, t, **extras)`, as facebookresearch/flow_matching has it."""
+    """`model(x, t, **extras)`, the convention of facebookresearch/flow_matching."""
     return model(x, t, **extras)
 
 
@@ -29,12 +29,12 @@ def time_state(model: Callable[..., Any], x: Any, t: Any, **extras: Any) -> Any:
 
 
 def no_extras(condition: Any) -> Mapping[str, Any]:
-    """A model that reads state and time only."""
+    """No further arguments: the model depends on state and time only."""
     return {}
 
 
 def name_of(model: Callable[..., Any]) -> str:
-    """What messages call a model: a function's name, or the class of an object."""
+    """The name of a model in error messages: a function's name, or an object's class."""
     return getattr(model, "__name__", type(model).__name__)
 
 
@@ -46,41 +46,45 @@ def check_velocity(
     expected: tuple[int, ...],
     axes: str,
 ) -> None:
-    """Refuses what is no velocity of x.
+    """Checks that the output of a model is a velocity of x.
 
     Args:
-        model: Who returned it.
-        returned: What came.
-        array: What arrays are in the model's library.
-        floating: Whether such an array has real floating-point numbers.
+        model: The model, for the error message.
+        returned: Its output.
+        array: Type of arrays in the model's library.
+        floating: Whether an array has a real floating-point type.
         expected: Shape of x.
-        axes: What the axes of x are.
+        axes: Names of the axes of x, for the error message.
+
+    Raises:
+        ValueError: The output has another type or shape than x, or no floating-point numbers.
     """
-    wanted = f"expected a velocity of shape {expected}, as x has it: ({axes})."
+    requirement = f"expected a velocity of shape {expected}, like x: ({axes})."
     if not isinstance(returned, array):
-        found = f"an object of type {type(returned).__name__}; {wanted}"
+        problem = f"an object of type {type(returned).__name__}; {requirement}"
     elif tuple(returned.shape) != expected:
-        found = f"an array of shape {tuple(returned.shape)}; {wanted}"
+        problem = f"an array of shape {tuple(returned.shape)}; {requirement}"
     elif not floating(returned):
-        found = f"an array of type {returned.dtype}; a velocity has floating-point numbers."
+        problem = f"an array of type {returned.dtype}; a velocity has floating-point numbers."
     else:
         return
-    raise ValueError(f"`{name_of(model)}` returned {found}")
+    raise ValueError(f"`{name_of(model)}` returned {problem}")
 
 
 class JaxField(eqx.Module):
-    """A JAX callable from outside as a vector field.
+    """An external JAX callable as a vector field.
 
-    The velocity is cast to the type of z: a model in bfloat16, or in float64 where that is enabled, changes the
-    precision of the velocity and never that of the states.
+    The velocity is cast to the type of z. A model in bfloat16, or in float64 where that is enabled, thus changes the
+    precision of the velocity but not that of the states.
 
-    Args:
-        model: Any callable that JAX can trace. Arrays of a model that is a pytree stay arguments of compiled programs.
-        call: `state_time`, `time_state`, or a function of yours `(model, x, t, **extras) -> velocity`.
-        extras: From the condition, what the model takes by name.
-        flat: x is the joint state, of shape (agents * dim,).
-        batched: The model expects a leading axis of samples, in t and in the extras, too; it sees one sample at a
-            time there, and `jax.vmap` makes the batch.
+    Attributes:
+        model: Any callable that JAX can trace. The arrays of a model that is a pytree remain arguments of compiled
+            programs.
+        call: `state_time`, `time_state`, or any function `(model, x, t, **extras) -> velocity`.
+        extras: Further arguments of the model, by name, computed from the condition.
+        flat: Whether x is the joint state, of shape (agents * dim,).
+        batched: Whether the model expects a leading axis of samples in x, t and the extras. The axis has length one;
+            `jax.vmap` adds the batch.
     """
 
     model: Callable[..., Any]

@@ -11,28 +11,26 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from .features import TIME_FEATURES, TeamFeatures, time_features
 
-MESSAGE_SCALE = (
-    0.25  # messages are summed, not averaged: neighbours add up, whatever the team's size
-)
-
+# Messages are summed, not averaged, so the effect of a neighbour does not depend on the team's size.
+MESSAGE_SCALE = 0.25
 
 Product = Callable[
     [Float[Array, "*rows inputs"], Float[Array, "outputs inputs"]], Float[Array, "*rows outputs"]
 ]
-"""Rows times the transpose of weights."""
+"""(x, weight) -> x @ weight.T"""
 
 
 def product(
     x: Float[Array, "*rows inputs"], weight: Float[Array, "outputs inputs"]
 ) -> Float[Array, "*rows outputs"]:
-    """One product, laid out as the rows are (`vmap` of a layer transposes them)."""
+    """The product `x @ weight.T`, in the layout of x (`vmap` of a layer would transpose it)."""
     return x @ weight.T
 
 
 def bfloat16_product(
     x: Float[Array, "*rows inputs"], weight: Float[Array, "outputs inputs"]
 ) -> Float[Array, "*rows outputs"]:
-    """The same of both rounded to bfloat16; sums are kept in float32."""
+    """The product with both factors rounded to bfloat16, accumulated in float32."""
     rounded = x.astype(jnp.bfloat16), weight.astype(jnp.bfloat16)
     over = ((x.ndim - 1,), (1,)), ((), ())
     return jax.lax.dot_general(*rounded, over, preferred_element_type=jnp.float32)
@@ -41,7 +39,7 @@ def bfloat16_product(
 def apply(
     layer: eqx.nn.Linear, x: Float[Array, "*rows inputs"], times: Product = product
 ) -> Float[Array, "*rows outputs"]:
-    """A linear layer of every row."""
+    """Applies a linear layer to every row."""
     out = times(x, layer.weight)
     return out if layer.bias is None else out + jnp.expand_dims(layer.bias, range(x.ndim - 1))
 
@@ -54,28 +52,40 @@ def _bias(layer: eqx.nn.Linear) -> Float[Array, "1 outputs"]:
 def apply_mlp(
     mlp: eqx.nn.MLP, x: Float[Array, "*rows inputs"], times: Product = product
 ) -> Float[Array, "*rows outputs"]:
-    """The same of a multilayer perceptron; its last layer is always multiplied in float32."""
+    """Applies a multilayer perceptron to every row, with the last layer always in float32."""
     for layer in mlp.layers[:-1]:
         x = mlp.activation(apply(layer, x, times))
     return apply(mlp.layers[-1], x)
 
 
 class Links(NamedTuple):
-    """Who hears of whom."""
+    """Which agents exchange messages.
 
-    senders: Int[Array, "agents others"] | None  # each agent's own list; None: everybody, in order
-    weight: Float[Array, "agents others"]  # of each message, 0 where there is none
+    Attributes:
+        senders: Indices of each agent's senders; None for all agents, in order.
+        weight: Weight of each message, 0 where there is none.
+    """
+
+    senders: Int[Array, "agents others"] | None
+    weight: Float[Array, "agents others"]
 
     def spread(self, value: Float[Array, "agents width"]) -> Float[Array, "_ others width"]:
-        """What each sender has to say, laid out for every receiver."""
+        """The values of each receiver's senders."""
         return value[None, :] if self.senders is None else value[self.senders]
 
 
 class MessageRound(eqx.Module):
-    """One exchange of messages, then a residual update of every agent.
+    """One exchange of messages, followed by a residual update of every agent.
 
-    Layers over concatenated inputs are split into one for each part, and messages are summed before the next
-    linear layer: the same function, cheaper.
+    A layer over concatenated inputs is split into one layer per input, and messages are summed before the next linear
+    layer. This is the same function at a lower cost.
+
+    Attributes:
+        receiver: Layer of the receiver's hidden state.
+        sender: Layer of the sender's hidden state.
+        pair: Layer of the pair's features.
+        inner: First layer of the update, of an agent's hidden state and its summed messages.
+        outer: Second layer of the update.
     """
 
     receiver: eqx.nn.Linear
@@ -103,20 +113,28 @@ class MessageRound(eqx.Module):
         receiver = apply(self.receiver, hidden, times)
         sender = links.spread(apply(self.sender, hidden, times))
         total = jnp.zeros_like(hidden)
-        # One sender after the other: all messages at once would not fit into the cache.
+        # One sender at a time, as all messages together would not fit into the cache.
         for k in range(pair.shape[1]):
             message = jax.nn.silu(receiver + sender[:, k] + of_pair[:, k])
             total = total + links.weight[:, k, None] * message
-        own, heard = jnp.split(self.inner.weight, 2, axis=1)
-        joint = times(hidden, own) + times(MESSAGE_SCALE * total, heard) + _bias(self.inner)
+        own, received = jnp.split(self.inner.weight, 2, axis=1)
+        joint = times(hidden, own) + times(MESSAGE_SCALE * total, received) + _bias(self.inner)
         return hidden + apply(self.outer, jax.nn.silu(joint), times)
 
 
 class MessagePassingField(eqx.Module):
     """f_theta(tau, z | chi): the same parameters for every agent, equivariant under permutations.
 
-    The output is preconditioned: for Gaussian data of standard deviation `spread` the optimal field is
-    linear in z, and the network learns what is left, with unit scale at every tau.
+    The output is preconditioned: for Gaussian data of standard deviation `spread`, the optimal field is linear in z. The
+    network learns the residual, which has unit scale at every tau.
+
+    Attributes:
+        featurise: Features of the team, from (z, condition).
+        spread: Standard deviation of the data, per entry of z.
+        embed: Layer from an agent's inputs to its hidden state.
+        rounds: Exchanges of messages.
+        head: Network from an agent's hidden state to its velocity.
+        times: Product of hidden states and weights.
 
     Source: paper, eqn:GNN; preconditioning after Karras et al. (2022), carried over to the straight path.
     """
@@ -126,7 +144,7 @@ class MessagePassingField(eqx.Module):
     embed: eqx.nn.Linear
     rounds: tuple[MessageRound, ...]
     head: eqx.nn.MLP
-    times: Product = eqx.field(static=True)  # products of hidden states with weights
+    times: Product = eqx.field(static=True)
 
     def __init__(
         self,
@@ -140,7 +158,18 @@ class MessagePassingField(eqx.Module):
         head_width: int = 256,
         key: PRNGKeyArray,
     ) -> None:
-        """Args: node_size, pair_size: feature counts of `featurise`; spread: data's standard deviation per entry of z."""
+        """Initialises the weights.
+
+        Args:
+            featurise: Features of the team, from (z, condition).
+            node_size: Number of features of an agent.
+            pair_size: Number of features of a pair.
+            spread: Standard deviation of the data, per entry of z.
+            width: Size of hidden states and messages.
+            rounds: Number of message exchanges.
+            head_width: Size of the head's hidden layers.
+            key: Random key of the weights.
+        """
         first, last, *middle = jax.random.split(key, 2 + rounds)
         self.featurise, self.spread, self.times = featurise, spread, product
         self.embed = eqx.nn.Linear(node_size + len(spread) + TIME_FEATURES, width, key=first)
@@ -152,13 +181,13 @@ class MessagePassingField(eqx.Module):
     def reading(
         self, featurise: Callable[[Float[Array, "agents dim"], Any], TeamFeatures]
     ) -> "MessagePassingField":
-        """The same weights over other features of the same sizes."""
+        """The same weights with other features of the same sizes."""
         return self._with("featurise", featurise)
 
     def in_bfloat16(self) -> "MessagePassingField":
-        """The same weights, hidden states multiplied in bfloat16: for machines whose units for it are faster.
+        """The same weights, with products of hidden states in bfloat16, for machines where this is faster.
 
-        What z enters directly, features and the last layer stay in float32, and weights are stored in float32.
+        The layers of z and of features, and the last layer, stay in float32. Weights are stored in float32.
         """
         return self._with("times", bfloat16_product)
 
@@ -171,7 +200,7 @@ class MessagePassingField(eqx.Module):
         self, tau: Float[Array, ""], z: Float[Array, "agents dim"], condition: Any
     ) -> Float[Array, "agents dim"]:
         spread = jnp.asarray(self.spread)[None]
-        variance = (tau * spread) ** 2 + (1 - tau) ** 2  # of x(tau), for data of this spread
+        variance = (tau * spread) ** 2 + (1 - tau) ** 2  # of x(tau)
         features = self.featurise(z, condition)
         agents = z.shape[0]
         time = jnp.broadcast_to(time_features(tau), (agents, TIME_FEATURES))

@@ -1,4 +1,4 @@
-"""The message-passing network once more, in PyTorch, with the weights of a trained `MessagePassingField`."""
+"""The message-passing network in PyTorch, with the weights of a trained `MessagePassingField`."""
 
 import equinox as eqx
 import jax
@@ -12,7 +12,7 @@ silu = torch.nn.functional.silu
 
 
 class TorchMessageRound(torch.nn.Module):
-    """One exchange of messages, then a residual update of every agent."""
+    """One exchange of messages, followed by a residual update of every agent."""
 
     def __init__(self, width: int, pair_size: int) -> None:
         super().__init__()
@@ -25,17 +25,23 @@ class TorchMessageRound(torch.nn.Module):
     def forward(
         self, hidden: torch.Tensor, pair: torch.Tensor, linked: torch.Tensor
     ) -> torch.Tensor:
-        """Args: hidden: (samples, agents, width); pair: (samples, receivers, senders, pair); linked: who hears whom."""
+        """Updated hidden states, of shape (samples, agents, width).
+
+        Args:
+            hidden: (samples, agents, width).
+            pair: (samples, receivers, senders, pair).
+            linked: (samples, receivers, senders), True where the receiver gets the sender's message.
+        """
         message = silu(
             self.receiver(hidden)[:, :, None] + self.sender(hidden)[:, None] + self.pair(pair)
         )
-        heard = torch.where(linked[..., None], message, 0.0).sum(dim=2)
-        joint = torch.cat([hidden, MESSAGE_SCALE * heard], dim=-1)
+        total = torch.where(linked[..., None], message, 0.0).sum(dim=2)
+        joint = torch.cat([hidden, MESSAGE_SCALE * total], dim=-1)
         return hidden + self.outer(silu(self.inner(joint)))
 
 
 class TorchMessagePassing(torch.nn.Module):
-    """The network of a `MessagePassingField`: its features are given, its output is dz/dtau."""
+    """The network of a `MessagePassingField`, from features to dz/dtau."""
 
     spread: torch.Tensor
 
@@ -70,18 +76,18 @@ class TorchMessagePassing(torch.nn.Module):
 
         Args:
             x: States, of shape (samples, agents, dim).
-            t: tau, one per sample.
-            node: Features of agents, (samples, agents, node).
-            pair: Features of pairs, (samples, receivers, senders, pair).
-            mask: (samples, agents), False for padding.
+            t: tau, of shape (samples,).
+            node: Features of agents, of shape (samples, agents, node).
+            pair: Features of pairs, of shape (samples, receivers, senders, pair).
+            mask: False for padding, of shape (samples, agents).
         """
         tau, agents = t[:, None, None], x.shape[1]
         variance = (tau * self.spread) ** 2 + (1 - tau) ** 2
         angle = torch.pi * tau
         time = [tau, angle.sin(), angle.cos(), (2 * angle).sin(), (2 * angle).cos()]
         clock = torch.cat(time, dim=-1).expand(-1, agents, -1)
-        alone = torch.eye(agents, dtype=torch.bool, device=x.device)
-        linked = mask[:, None, :] & ~alone
+        self_pair = torch.eye(agents, dtype=torch.bool, device=x.device)
+        linked = mask[:, None, :] & ~self_pair
         hidden = silu(self.embed(torch.cat([x * variance.rsqrt(), node, clock], dim=-1)))
         for message_round in self.rounds:
             hidden = message_round(hidden, pair, linked)
@@ -93,10 +99,10 @@ class TorchMessagePassing(torch.nn.Module):
 
 
 def export(field: MessagePassingField) -> TorchMessagePassing:
-    """A trained field's network in PyTorch, in evaluation mode; `featurise` is not part of it."""
-    width, read = field.embed.weight.shape
+    """A trained field's network in PyTorch, in evaluation mode, without the features (`featurise`)."""
+    width, inputs = field.embed.weight.shape
     network = TorchMessagePassing(
-        node_size=read - len(field.spread) - TIME_FEATURES,
+        node_size=inputs - len(field.spread) - TIME_FEATURES,
         pair_size=field.rounds[0].pair.weight.shape[1],
         spread=field.spread,
         width=width,

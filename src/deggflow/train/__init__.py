@@ -1,4 +1,4 @@
-"""Training of nominal fields: AdamW, cosine schedule, averaged weights, exact resume after a kill, extension."""
+"""Training of nominal fields: AdamW, cosine schedule, averaged weights, exact resumption, extension of a run."""
 
 from .folder import read_curves, run_segments
 from .loop import TrainingState, train

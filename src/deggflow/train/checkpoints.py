@@ -1,4 +1,4 @@
-"""Checkpoints of a training run: the last two, each a safetensors file that a kill leaves whole or not at all."""
+"""Checkpoints of a training run: the last two, each a safetensors file that is written atomically."""
 
 import re
 from contextlib import suppress
@@ -10,7 +10,7 @@ from deggflow.weights import load_arrays, save_arrays
 
 T = TypeVar("T")
 
-KEPT = 2
+KEPT = 2  # checkpoints
 _NAME = re.compile(r"([1-9][0-9]{0,9})\.safetensors")
 
 
@@ -25,7 +25,7 @@ def last_step(folder: Path) -> int:
 
 
 def save(folder: Path, step: int, state: object, run: str) -> None:
-    """Writes a checkpoint of a run, then removes the one that is too old."""
+    """Writes a checkpoint of a run, then removes those older than the last two."""
     save_arrays(folder / f"{step}.safetensors", state, f"{run} {step}")
     for old in _steps(folder)[:-KEPT]:
         (folder / f"{old}.safetensors").unlink(missing_ok=True)
@@ -39,10 +39,14 @@ def remove(folder: Path, step: int) -> None:
 
 
 def restore(folder: Path, step: int, like: T, run: str) -> T:
-    """The state of a checkpoint; `InputError` if it is damaged, or of another run or step."""
+    """The state of a checkpoint.
+
+    Raises:
+        InputError: The checkpoint is damaged, or belongs to another run or step.
+    """
     try:
         return load_arrays(folder / f"{step}.safetensors", like, f"{run} {step}")
     except InputError as error:
         raise InputError(
-            f"{error.reason}; remove it to go on from the checkpoint before", file=error.file
+            f"{error.reason}; remove it to resume from the previous checkpoint", file=error.file
         ) from None

@@ -1,4 +1,4 @@
-"""The folder of a training run: which run it holds (config.json), how far it is, and its curves (curves.csv)."""
+"""The folder of a training run: its description (config.json), its progress and its curves (curves.csv)."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -18,14 +18,14 @@ from deggflow.jsonl import (
 from .identity import CONTENT, SECTIONS
 from .settings import Curve
 
-VERSION = 3  # of config.json and checkpoints; before 2, averages began at the initial weights
+VERSION = 3  # of config.json and checkpoints; up to 1, averages included the initial weights
 
 
 def read_curves(path: StrPath) -> list[Curve]:
-    """The training curves of a run; none if the file does not exist.
+    """The training curves of a run; empty if the file does not exist.
 
     Raises:
-        InputError: The file can't be read, or is not as `train` writes it; with file, line and reason.
+        InputError: The file can't be read or does not have the format that `train` writes; with file, line and reason.
     """
     path = Path(path)
     if not path.exists():
@@ -36,16 +36,18 @@ def read_curves(path: StrPath) -> list[Curve]:
     except OSError as error:
         raise InputError(f"can't be read: {error.strerror}", file=path) from None
     except UnicodeDecodeError:
-        raise InputError("these are no training curves: not UTF-8 text", file=path) from None
+        raise InputError("is not a file of training curves: not UTF-8 text", file=path) from None
     if lines[0].strip() != header:
         raise InputError(
-            f"these are no training curves: must be {header}; got {shorten(lines[0])!r}",
+            f"is not a file of training curves: its header must be {header}; got {shorten(lines[0])!r}",
             file=path,
             line=1,
         )
     if lines.pop():
         raise InputError(
-            "must end with a line break; something is cut off", file=path, line=len(lines) + 1
+            "must end with a line break; the last line is incomplete",
+            file=path,
+            line=len(lines) + 1,
         )
     curves: list[Curve] = []
     for number, line in enumerate(lines[1:], start=2):
@@ -66,8 +68,12 @@ def read_curves(path: StrPath) -> list[Curve]:
 
 
 def curves_until(path: Path, done: int, every: int) -> list[Curve]:
-    """The points up to a checkpoint, of which none may be missing."""
-    # A kill between the curve and its checkpoint leaves a point that is about to be made again.
+    """The points of the curves up to a checkpoint.
+
+    Raises:
+        InputError: A point is missing.
+    """
+    # If the run was killed between curve and checkpoint, the last point will be computed again.
     curves = [curve for curve in read_curves(path) if curve.step <= done]
     if [curve.step for curve in curves] != list(range(every, done + 1, every)):
         raise InputError(
@@ -79,7 +85,7 @@ def curves_until(path: Path, done: int, every: int) -> list[Curve]:
 
 
 def write_curves(path: Path, curves: list[Curve]) -> None:
-    """Writes what `read_curves` reads; a kill leaves the old file or the new one."""
+    """Writes a file for `read_curves`, atomically."""
     lines = [
         ",".join(Curve._fields),
         *(f"{c.step},{c.training!r},{c.validation!r}" for c in curves),
@@ -88,47 +94,61 @@ def write_curves(path: Path, curves: list[Curve]) -> None:
 
 
 def read_config(path: Path) -> dict[str, Any] | None:
-    """The config.json of a run, or None if there is no file; `InputError` if it is not one."""
+    """The config.json of a run, or None if there is no file.
+
+    Raises:
+        InputError: The file is not a config.json of this version.
+    """
     try:
-        found = read_json(path)
+        config = read_json(path)
     except FileNotFoundError:
         return None
     try:
         keys = ("version", "segments", *SECTIONS)
-        if "version" not in found and "validate_every" in found:
+        if "version" not in config and "validate_every" in config:
             raise InputError(
-                "the run in this folder was begun by an older version of deggflow, whose averaged weights keep a share "
-                "of the initial ones; complete it with that version or choose another folder"
+                "the run in this folder was begun by an older version of deggflow, whose averaged weights include "
+                "the initial weights; complete it with that version or choose another folder"
             )
-        expect_object(found, "", tuple(found), ("version",))
-        if found["version"] != VERSION:
+        expect_object(config, "", tuple(config), ("version",))
+        if config["version"] != VERSION:
             raise InputError(
-                f"must be {VERSION}; got {quoted(found['version'])}: another version of deggflow began this run",
+                f"must be {VERSION}; got {quoted(config['version'])}: another version of deggflow began this run",
                 field="version",
             )
-        expect_object(found, "", keys, keys)
-        ends = expect_list(found["segments"], "segments")
+        expect_object(config, "", keys, keys)
+        ends = expect_list(config["segments"], "segments")
         if not ends:
             raise InputError("must not be empty", field="segments")
         for k, end in enumerate(ends):
             expect_integer(end, f"segments[{k}]", ends[k - 1] + 1 if k else 1, 2**31 - 1)
         for name in SECTIONS:
-            section = found[name]
+            section = config[name]
             expect_object(section, name, tuple(section) if isinstance(section, dict) else ())
     except InputError as error:
         raise InputError(error.reason, file=path, field=error.field) from None
-    return found
+    return config
 
 
 class ConfigFile(NamedTuple):
-    """The config.json of a run under way, told from any that takes its place."""
+    """The config.json of a run in progress, distinguished from any file that replaces it.
+
+    Attributes:
+        path: Its path.
+        device: Its device number.
+        inode: Its inode number on that device.
+    """
 
     path: Path
     device: int
     inode: int
 
     def check(self) -> None:
-        """Refuses to go on in a folder that was removed: a checkpoint without its config.json is nobody's."""
+        """Checks that the file is still the same, as a checkpoint without its config.json belongs to no run.
+
+        Raises:
+            InputError: The file was removed or replaced.
+        """
         if _file_identity(self.path) != self[1:]:
             raise InputError(
                 "was removed or replaced while the run was writing beside it", file=self.path
@@ -148,34 +168,42 @@ def _file_identity(path: Path) -> tuple[int, int]:
     return status.st_dev, status.st_ino
 
 
-def check_same_run(path: Path, begun: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
-    """Refuses what differs from the run that was begun, by name."""
+def check_same_run(path: Path, begun: Mapping[str, Any], requested: Mapping[str, Any]) -> None:
+    """Checks that the requested run is the one that was begun in the folder.
+
+    Raises:
+        InputError: A setting or a part differs; the error names it.
+    """
     for section in SECTIONS:
-        here, there = wanted[section], begun[section]
+        here, there = requested[section], begun[section]
         for name in dict.fromkeys((*here, *there)):
             if name in here and name in there and here[name] == there[name]:
                 continue
             now, then = (shorten(of[name]) if name in of else "absent" for of in (here, there))
             now, then = (text.split(CONTENT)[0] for text in (now, then))
-            what = f"is {now} here, {then} in"
+            difference = f"is {now} here, {then} in"
             if now == then:
-                what = "holds other values here than in"
+                difference = "holds other values here than in"
             raise InputError(
-                f"`{name}` {what} the run that was begun in this folder; go on with what it was begun with, "
+                f"`{name}` {difference} the run that was begun in this folder; resume it with its original settings, "
                 "or choose another folder",
                 file=path,
             )
 
 
 def segments_with(path: Path, begun: Mapping[str, Any] | None, steps: int, done: int) -> list[int]:
-    """Where the segments of the run end, with the new one of an extension; refuses other steps by name."""
+    """The steps at which the segments of the run end, including the new segment of an extension.
+
+    Raises:
+        InputError: `steps` neither completes nor extends the run.
+    """
     if begun is None:
         return [steps]
     ends: list[int] = list(begun["segments"])
     last, other = ends[-1], "or choose another folder"
     if done > last:
         raise InputError(
-            f"ends at {last}, and there is a checkpoint of step {done}: not of this run",
+            f"ends at {last}, but there is a checkpoint of step {done}, which belongs to another run",
             file=path,
             field="segments",
         )
@@ -189,17 +217,17 @@ def segments_with(path: Path, begun: Mapping[str, Any] | None, steps: int, done:
         )
     if steps < last:
         raise InputError(
-            f"`steps` is {steps} here, and {last} are done in this folder; ask for as many, for more, {other}",
+            f"`steps` is {steps} here, but {last} are done in this folder; set at least {last}, {other}",
             file=path,
         )
     return [*ends, steps]
 
 
 def run_segments(folder: StrPath) -> list[int]:
-    """The steps at which the segments of a run end: one, and one more for each time it was extended.
+    """The steps at which the segments of a run end: one segment, and one more for each extension.
 
     Raises:
-        InputError: The folder holds no run, or its config.json is not as it should be.
+        InputError: The folder holds no run, or its config.json is invalid.
     """
     path = Path(folder) / "config.json"
     begun = read_config(path)

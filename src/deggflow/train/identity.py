@@ -1,4 +1,4 @@
-"""What makes a training run this run and no other: settings, data by content, the field by its parts."""
+"""The identity of a training run: settings, data by content, the field by its parts."""
 
 import json
 import re
@@ -20,7 +20,7 @@ SECTIONS = ("settings", "identity", "functions", "data", "field")  # of config.j
 
 
 def _qualified_name(value: Any) -> str:
-    """Name of a function or class with its module; private modules are left out, as they move between releases."""
+    """Name of a function or class with its module, without private modules, as these move between releases."""
     public = re.match(r"(?:[^_.][^.]*\.)*", f"{value.__module__ or ''}.")
     return f"{public[0] if public else ''}{value.__qualname__}"
 
@@ -36,15 +36,16 @@ def _array_text(value: Any, *, content: bool) -> str:
 
 
 def parts(value: Any, name: str, *, trained: bool) -> Iterator[tuple[str, str]]:
-    """What a value consists of, by name: arrays, static fields, functions and classes.
+    """The parts of a value and their descriptions, by name: arrays, static fields, functions and classes.
 
     Args:
         value: A field, a function, a dataset, or part of one.
-        name: What it is called.
-        trained: Its floating-point arrays change in training: only dtype and shape are told, not content.
+        name: Name of the value.
+        trained: Whether its floating-point arrays change in training; their description then has dtype and shape, but
+            not their content.
     """
     leaf = value is None or jax.tree_util.all_leaves([value])
-    within = trained and not leaf  # what stands inside a leaf is not trained
+    within = trained and not leaf  # the inside of a leaf is not trained
     if isinstance(value, partial):
         yield name, _qualified_name(type(value))
         for each in ("func", "args", "keywords"):
@@ -61,7 +62,7 @@ def parts(value: Any, name: str, *, trained: bool) -> Iterator[tuple[str, str]]:
             yield name, f"{{{', '.join(sorted(map(repr, value)))}}}"
         elif hasattr(value, "__qualname__") and hasattr(value, "__module__"):
             yield name, _qualified_name(value)
-        else:  # an address in memory is not the same tomorrow
+        else:  # an address in memory differs between processes
             yield name, re.sub(r" at 0x[0-9a-fA-F]+", "", repr(value))
     else:
         inner = jax.tree_util.tree_leaves_with_path(
@@ -88,18 +89,31 @@ def description(
     loss: SampleLoss,
     augment: Augment | None,
 ) -> dict[str, dict[str, Any]]:
-    """What makes a run this run, but for its steps: the sections of config.json."""
+    """The identity of a run without its number of steps: the sections of config.json.
+
+    Args:
+        field: Initial field.
+        training: Training data.
+        validation: Held-out data.
+        config: Settings.
+        identity: Further values that identify the run.
+        loss: Loss of one sample.
+        augment: Augmentation of one sample.
+
+    Raises:
+        ValueError: `identity` has values that JSON cannot represent.
+    """
     settings = asdict(config)
     del settings["steps"]
     data = {"training": training, "validation": validation}.items()
     functions = {"loss": loss, "augment": augment}.items()
-    try:  # as it will be read again: lists for tuples, text for keys
-        given = json.loads(json.dumps(dict(identity), allow_nan=False))
+    try:  # in the form in which it is read back: lists for tuples, text for keys
+        json_identity = json.loads(json.dumps(dict(identity), allow_nan=False))
     except (TypeError, ValueError) as error:
-        raise ValueError(f"`identity` must hold values that JSON has: {error}.") from None
+        raise ValueError(f"`identity` must hold values that JSON can represent: {error}.") from None
     return {
         "settings": settings,
-        "identity": dict(_flat(given)),
+        "identity": dict(_flat(json_identity)),
         "functions": {
             k: v for name, each in functions for k, v in parts(each, name, trained=False)
         },

@@ -1,4 +1,4 @@
-"""The training loop: compiled programs, checkpoints, and what a folder's run goes on with."""
+"""The training loop: compiled programs, checkpoints, and resumption of the run in a folder."""
 
 import json
 import math
@@ -37,7 +37,14 @@ _VALIDATION_KEY = 2**31 - 1  # folded into the seed's key; no training step reac
 
 
 class TrainingState(NamedTuple):
-    """Everything that changes while training; the arrays of a field, not the field."""
+    """Everything that changes during training, as arrays of a field without its static parts.
+
+    Attributes:
+        weights: Current weights.
+        averaged: Averaged weights.
+        optimizer: State of the optimizer.
+        step: Number of completed steps.
+    """
 
     weights: Any
     averaged: Any
@@ -46,7 +53,7 @@ class TrainingState(NamedTuple):
 
 
 def _optimizer(config: TrainingConfig, segments: Sequence[int]) -> optax.GradientTransformation:
-    """AdamW under one warm-up and cosine for each segment; its own count of steps finds the segment."""
+    """AdamW with one warm-up and cosine decay per segment; its own step count determines the segment."""
     schedules = [
         optax.warmup_cosine_decay_schedule(
             0.0, config.learning_rate, min(config.warmup, steps // 10), steps, end_value=0.0
@@ -60,10 +67,10 @@ def _optimizer(config: TrainingConfig, segments: Sequence[int]) -> optax.Gradien
 
 
 def _averaged(averaged: Any, weights: Any, step: Int[Array, ""], decay: float) -> Any:
-    """The mean of the weights after steps 1 to `step`, those after step k weighed with decay^(step - k).
+    """The mean of the weights after steps 1 to `step`, with weight decay^(step - k) for those after step k.
 
-    It is Adam's debiased average (Kingma and Ba, 2015, sec. 3), written as an update of the quotient itself:
-    the share of the new weights is (1 - decay) / (1 - decay^step), all at the first step.
+    This is Adam's debiased average (Kingma and Ba, 2015, sec. 3), written as an update of the average itself. The new
+    weights enter with the share (1 - decay) / (1 - decay^step), which is one at the first step.
     """
     share = (1 - decay) / -jnp.expm1(step * math.log(decay)) if decay else 1.0
     return jax.tree.map(
@@ -74,7 +81,7 @@ def _averaged(averaged: Any, weights: Any, step: Int[Array, ""], decay: float) -
 def _batch_loss(
     field: Any, data: Dataset, key: PRNGKeyArray, loss: SampleLoss, augment: Augment | None
 ) -> Float[Array, ""]:
-    def one(key: PRNGKeyArray, x1: Array, condition: Any, mask: Array) -> Float[Array, ""]:
+    def sample_loss(key: PRNGKeyArray, x1: Array, condition: Any, mask: Array) -> Float[Array, ""]:
         tau_key, noise_key, augment_key = jax.random.split(key, 3)
         if augment is not None:
             x1 = augment(augment_key, x1, condition)
@@ -82,7 +89,7 @@ def _batch_loss(
         return loss(field, jax.random.uniform(tau_key), x0, x1, condition, mask)
 
     keys = jax.random.split(key, data.z.shape[0])
-    return jnp.mean(jax.vmap(one)(keys, data.z, data.condition, data.mask))
+    return jnp.mean(jax.vmap(sample_loss)(keys, data.z, data.condition, data.mask))
 
 
 def _make_programs(
@@ -95,7 +102,7 @@ def _make_programs(
     root = jax.random.key(config.seed)
 
     def step(data: Dataset, state: TrainingState, _: None) -> tuple[TrainingState, Array]:
-        # The step number alone decides the batch, the noise and tau: resuming repeats nothing.
+        # Batch, noise and tau depend on the step number only, so a resumed run continues exactly.
         index_key, loss_key = jax.random.split(jax.random.fold_in(root, state.step))
         index = jax.random.randint(index_key, (config.batch,), 0, data.z.shape[0])
         batch = jax.tree.map(lambda leaf: leaf[index], data)
@@ -134,39 +141,40 @@ def train(
     augment: Augment | None = None,
     on_progress: Callable[[Curve], None] = lambda curve: None,
 ) -> tuple[eqx.Module, list[Curve]]:
-    """Trains a field, goes on where a killed run in the same folder stopped, or extends a finished one.
+    """Trains a field, resumes an interrupted run in the same folder, or extends a finished run.
 
-    A folder holds one run. `config.json` says which: settings, names of loss and augmentation, the data by content,
-    the field's arrays by dtype and shape and its other parts by value. Whatever differs is refused by name. Functions
-    are told apart by name, not by what they close over: that belongs into `identity`. The content of data is
-    compared to the bit, so data that are computed anew must come out the same.
+    A folder holds one run, which `config.json` identifies: settings, names of loss and augmentation, the data by
+    content, the field's arrays by dtype and shape, and its other parts by value. Any difference raises an error that
+    names it. Functions are compared by name, not by the values they close over; these values belong in `identity`. Data
+    are compared bit for bit, so data that are recomputed must be identical.
 
-    A killed run goes on from its last checkpoint, and ends in the same weights to the bit as an uninterrupted one.
+    An interrupted run resumes from its last checkpoint, and ends with bitwise the same weights as an uninterrupted one.
 
-    A finished run is extended by more `steps`. The learning rate was zero at its end, so the added steps have a
-    warm-up and a cosine of their own, with the same peak (a warm restart: Loshchilov and Hutter, 2017); weights,
-    moments of AdamW and averaged weights go on from where they were. `segments` in `config.json` lists where each
-    segment ends. 40 steps extended to 80 are another run than 80 steps at once; they are the same run
-    whether killed or not. While a run is not finished, its `steps` can't be changed.
+    A finished run is extended by increasing `steps`. The learning rate was zero at its end, so the added steps have
+    their own warm-up and cosine decay with the same peak (a warm restart: Loshchilov and Hutter, 2017). Weights, moments
+    of AdamW and averaged weights continue from their last values. `segments` in `config.json` lists the step at which
+    each segment ends. 40 steps extended to 80 are therefore a different run from 80 steps at once. The `steps` of an
+    unfinished run can't be changed.
 
-    Averaged weights are the mean of the weights after each step so far, those k steps back weighed with
-    `average`^k: the initial weights have no share.
+    Averaged weights are the mean of the weights after each step so far, with weight `average`^k for those k steps back.
+    The initial weights are not included.
 
     Args:
-        field: Decides the architecture, and where a run begins its weights; left as it is.
+        field: Defines the architecture and the initial weights; it is not modified.
         training: Training data, any number of samples.
         validation: Held-out data, any number of samples.
         config: Settings.
-        folder: Receives `config.json`, `curves.csv` and checkpoints.
-        identity: What else makes this run this run (JSON values by name), compared like the settings.
+        folder: Folder for `config.json`, `curves.csv` and checkpoints.
+        identity: Further values that identify the run (JSON values by name), compared like the settings.
         loss: Loss of one sample, L_MAC by default.
         augment: Symmetry of the data, applied to x1 with a key and the condition.
-        on_progress: Called at each point of the curves, and with the last one of a run that goes on.
+        on_progress: Called at each point of the curves, and with the last point of a resumed run.
 
     Raises:
-        InputError: The folder holds another run, or one of an older version, or its files are damaged, or another
-            process trains in it.
-        ValueError: Data of different numbers of samples, or an identity that JSON does not have.
+        InputError: The folder holds another run or a run of an older version, its files are damaged, or another process
+            is training in it.
+        ValueError: Parts of the data have different numbers of samples, or `identity` has values that JSON cannot
+            represent.
 
     Returns:
         The field with averaged weights, and the curves from the first step on.
@@ -194,31 +202,31 @@ def _run(
     augment: Augment | None,
     on_progress: Callable[[Curve], None],
 ) -> tuple[eqx.Module, list[Curve]]:
-    """`train` in a folder that no other process writes."""
-    path, kept = folder / "config.json", folder / "checkpoints"
+    """`train` in a folder that no other process writes to."""
+    path, checkpoint_folder = folder / "config.json", folder / "checkpoints"
     begun = read_config(path)
     if begun is not None:
         check_same_run(path, begun, settings)
-    elif any(kept.glob("*")):
+    elif any(checkpoint_folder.glob("*")):
         raise InputError(
-            "does not exist, and there are checkpoints beside it: whose, can't be told; choose another folder",
+            "does not exist, and there are checkpoints of an unknown run beside it; choose another folder",
             file=path,
         )
     run = sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()
-    done = checkpoints.last_step(kept)
+    done = checkpoints.last_step(checkpoint_folder)
     segments = segments_with(path, begun, config.steps, done)
     curves = curves_until(folder / "curves.csv", done, config.validate_every)
     optimizer = _optimizer(config, segments)
     weights, static = eqx.partition(field, eqx.is_inexact_array)
-    weights = jax.tree.map(jnp.copy, weights)  # the caller's own are not given away
+    weights = jax.tree.map(jnp.copy, weights)  # the caller's arrays are not donated
     averaged = jax.tree.map(jnp.zeros_like, weights)
     state = TrainingState(weights, averaged, optimizer.init(weights), jnp.asarray(0))
     if done:
-        state = checkpoints.restore(kept, done, state, run)
-    now = {"version": VERSION, "segments": segments, **settings}
-    if now != begun:
-        write_atomically(path, json.dumps(now, indent=2) + "\n")
-    ours = config_file(path)
+        state = checkpoints.restore(checkpoint_folder, done, state, run)
+    contents = {"version": VERSION, "segments": segments, **settings}
+    if contents != begun:
+        write_atomically(path, json.dumps(contents, indent=2) + "\n")
+    own_config = config_file(path)
     advance, validate = _make_programs(static, config, optimizer, loss, augment)
     for curve in curves[-1:]:
         on_progress(curve)
@@ -226,13 +234,13 @@ def _run(
         state, mean_loss = advance(state, training)
         held_out = float(validate(state, validation))
         curves.append(Curve(int(state.step), float(mean_loss), held_out))
-        ours.check()
+        own_config.check()
         write_curves(folder / "curves.csv", curves)
-        checkpoints.save(kept, int(state.step), state, run)
+        checkpoints.save(checkpoint_folder, int(state.step), state, run)
         try:
-            ours.check()
+            own_config.check()
         except InputError:
-            checkpoints.remove(kept, int(state.step))
+            checkpoints.remove(checkpoint_folder, int(state.step))
             raise
         on_progress(curves[-1])
     return eqx.combine(state.averaged, static), curves

@@ -1,4 +1,4 @@
-"""What a training run is given and what it tells: data, settings, points of the curves."""
+"""Inputs and outputs of a training run: data, settings, points of the curves."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -16,7 +16,13 @@ _MAX_SEED = 2**31 - 1  # JAX's keys are made from 32-bit integers
 
 
 class Dataset(NamedTuple):
-    """Encoded data with its conditions; all leaves have a leading sample axis."""
+    """Encoded data with its conditions; all leaves have a leading axis of samples.
+
+    Attributes:
+        z: Encoded states of the agents.
+        condition: Conditions, a tree of arrays.
+        mask: True for agents that are present, False for padding.
+    """
 
     z: Float[Array, "samples agents dim"]
     condition: Any
@@ -25,28 +31,38 @@ class Dataset(NamedTuple):
 
 @dataclass(frozen=True)
 class TrainingConfig:
-    """How a field is trained. The last step's averaged weights are the result.
+    """Settings of a training run. Its result is the averaged weights after the last step.
+
+    Attributes:
+        steps: Number of steps, a multiple of `validate_every`.
+        batch: Samples per step.
+        learning_rate: Peak of the cosine schedule.
+        warmup: Steps of the warm-up, at most a tenth of a segment.
+        weight_decay: Weight decay of AdamW.
+        average: Decay of the averaged weights; those k steps back have weight average^k.
+        seed: Seed of batches, noise and tau.
+        validate_every: Steps between points of the curves, at which checkpoints are written.
 
     Raises:
-        ValueError: A setting lies outside of its range; it is named.
+        ValueError: A setting is out of range; the error names it.
     """
 
     steps: int = 50_000
     batch: int = 256
-    learning_rate: float = 1.5e-3  # peak of the cosine schedule
-    warmup: int = 500  # steps; a tenth of a segment at most
+    learning_rate: float = 1.5e-3
+    warmup: int = 500
     weight_decay: float = 1e-4
-    average: float = 0.999  # decay of the averaged weights: those k steps back count average^k
+    average: float = 0.999
     seed: int = 0
-    validate_every: int = 500  # steps between points of the curves and checkpoints
+    validate_every: int = 500
 
     def __post_init__(self) -> None:
         for name, least in {"validate_every": 1, "batch": 1, "warmup": 0, "seed": 0}.items():
             value = getattr(self, name)
             if not isinstance(value, int) or value < least:
-                raise ValueError(f"`{name}` must be an integer from {least} on; got {value!r}.")
+                raise ValueError(f"`{name}` must be an integer of at least {least}; got {value!r}.")
         if self.seed > _MAX_SEED:
-            raise ValueError(f"`seed` must be {_MAX_SEED} at most; got {self.seed}.")
+            raise ValueError(f"`seed` must be at most {_MAX_SEED}; got {self.seed}.")
         if not 0 < self.learning_rate < math.inf:
             raise ValueError(f"`learning_rate` must be positive; got {self.learning_rate}.")
         if not 0 <= self.weight_decay < math.inf:
@@ -65,15 +81,25 @@ Remake = Callable[[Mapping[str, Any], TrainingConfig, Sequence[int]], list[str]]
 
 
 class Curve(NamedTuple):
-    """One point of the training curves."""
+    """One point of the training curves.
+
+    Attributes:
+        step: Number of completed steps.
+        training: Mean loss since the previous point.
+        validation: Loss of the averaged weights on held-out data.
+    """
 
     step: int
-    training: float  # mean loss since the point before
-    validation: float  # loss of the averaged weights on held-out data
+    training: float
+    validation: float
 
 
 def check_samples(name: str, data: Dataset) -> None:
-    """Refuses data without samples, or of which some parts have more samples than others, by name."""
+    """Checks that a dataset has samples, and the same number in all its parts.
+
+    Raises:
+        ValueError: It has none, or a part has another number; the error names it.
+    """
     count = len(data.mask)
     if not count:
         raise ValueError(f"`{name}` must hold at least one sample; got none.")
