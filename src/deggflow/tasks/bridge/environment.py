@@ -184,11 +184,11 @@ class BridgeParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
         limit = float(self.action_spaces[self.agents[0]].high[0])  # 0.86 as float32 has it
         velocities, before = np.clip(asked, -limit, limit), trial.q_task
         trial.advance(velocities)
-        over = trial.success or trial.failure is not None
-        late = not over and len(trial.twists) >= self.max_actions
+        over = trial.rollout.over
+        late = not over and len(trial.rollout.twists) >= self.max_actions
         reward = self.reward.progress * (before - trial.q_task)
         if over:
-            reward += self.reward.success if trial.success else -self.reward.failure
+            reward += self.reward.success if trial.rollout.bridged else -self.reward.failure
         out = Outcome(
             self._observations(),
             dict.fromkeys(self.agents, reward),
@@ -223,8 +223,8 @@ class BridgeParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
     def state(self) -> Float[np.ndarray, " entries"]:
         """Plank's pose, its twist, the goal's pose, contact points in the plank's frame; SI units, radians."""
         trial = self._trial
-        contacts = np.ravel(trial.condition.contacts)
-        parts = (trial.pose, trial.twist, trial.condition.goal, contacts)
+        contacts = np.ravel(trial.rollout.condition.contacts)
+        parts = (trial.rollout.pose, trial.rollout.twist, trial.rollout.condition.goal, contacts)
         return np.concatenate(parts).astype(np.float32)
 
     def process(self) -> Process:
@@ -277,12 +277,12 @@ class BridgeParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
     def _infos(self, clipped: Bool[np.ndarray, " robots"]) -> dict[str, dict[str, Any]]:
         trial = self._trial
         common = {
-            "success": trial.success,
-            "failure": trial.failure,
+            "success": trial.rollout.bridged,
+            "failure": trial.rollout.failure,
             "q_task": trial.q_task,
             "q_safe": trial.q_safe,
-            "twist": trial.twist.copy(),
-            "pose": trial.pose.copy(),
+            "twist": trial.rollout.twist.copy(),
+            "pose": trial.rollout.pose.copy(),
         }
         cut = clipped.tolist()
         return {agent: {**common, "clipped": cut[k]} for k, agent in enumerate(self.agents)}

@@ -20,15 +20,15 @@ from .codec import continuation
 from .condition import BridgeCondition, TrialCondition, padded_robots, take
 from .field import BridgeField
 from .policies import POWER, STEPS, Policies, PolicyGenerator, initial_noise
+from .rollout import Rollout
 from .trial import MAX_SPEED, PolicyRecord, Trial, TrialCertificate
-from .verdict import Verdict, bridges, execute, margins
+from .verdict import Verdict, execute, margins
 from .world import EXECUTED, HORIZON
 
 MAX_DRAWS = 8
 COARSE_DRAWS = 4  # that a policy has before it is drawn with finer steps
 FINER = 4  # times as many steps: what opposes each other beside a wall may ask for them
 MAX_POLICIES = 60  # of a trial: 48 s
-STARTS_BROKEN = "at the start "
 _DIVERGED = 1e9  # q of a policy whose generation diverged; files hold finite numbers
 
 
@@ -76,47 +76,35 @@ def _nobody(_: Round) -> None:
     """Watches no round."""
 
 
-class _Running:
-    """A trial under way: where the plank is, what was executed, what is left of the previous policy."""
+class _PolicyRollout:
+    """A rollout under policies: what is left of the previous one, and the record of each."""
 
     def __init__(self, start: Start, number: int) -> None:
-        condition = start.condition
-        self.condition, self.number = condition, number
-        self.pose = np.array(condition.plank, np.float64)
-        self.twists, self.first_twist = np.zeros((0, 3)), start.twist
+        self.rollout, self.number = Rollout(start.condition, start.twist), number
         self.previous = start.previous
         self.first_met: bool | None = None
         self.records: list[PolicyRecord] = []
-        self.bridged = bool(bridges(self.pose))
-        self.failure: str | None = None
-        here = margins(self.pose[None], condition.contacts)
-        if here.least()[0] < 0:
-            self.bridged, self.failure = False, STARTS_BROKEN + here.reason(0)
 
     @property
-    def over(self) -> bool:
-        return self.bridged or self.failure is not None
-
-    @property
-    def motion(self) -> Float[np.ndarray, " 3"]:
-        return self.twists[-1] if len(self.twists) else self.first_twist
+    def condition(self) -> TrialCondition:
+        return self.rollout.condition
 
     def carry_out(
         self, plan: Float[np.ndarray, "horizon 3"], verdict: Verdict, record: PolicyRecord
     ) -> None:
         self.records.append(record)
-        self.twists = np.concatenate([self.twists, plan[: verdict.actions]])
-        self.previous, self.pose = plan, verdict.poses[-1]
-        self.bridged, self.failure = verdict.bridged, verdict.reason
+        self.rollout.carry_out(plan, verdict)
+        self.previous = plan
 
     def stop(self, record: PolicyRecord, reason: str) -> None:
         self.records.append(record)
-        self.failure = reason
+        self.rollout.stop(reason)
 
     def finish(self, seed: int, speed_limit: float | None) -> Trial:
-        verdict = execute(np.array(self.condition.plank), self.twists, self.condition.contacts)
-        failure = self.failure
-        if failure is None and not self.bridged:
+        twists, bridged = self.rollout.executed(), self.rollout.bridged
+        verdict = execute(self.rollout.poses[0], twists, self.condition.contacts)
+        failure = self.rollout.failure
+        if failure is None and not bridged:
             failure = f"not bridged after {MAX_POLICIES} policies"
         done = [record for record in self.records if record.accepted]
         broken = sum(not record.met for record in done)
@@ -132,23 +120,23 @@ class _Running:
             policies=tuple(self.records),
             speed_limit=speed_limit,
         )
-        success = self.bridged and self.failure is None
         return Trial(
-            self.condition, self.twists, verdict.poses, success, failure, certificate, seed
-        )
+            self.condition, twists, verdict.poses, bridged and failure is None, failure,
+            certificate, seed,
+        )  # fmt: skip
 
 
-def _stack(runs: Sequence[_Running], agents: int) -> BridgeCondition:
+def _stack(runs: Sequence[_PolicyRollout], agents: int) -> BridgeCondition:
     """What the next policies are conditioned on; numpy arrays in float64."""
     contacts, mask = np.zeros((len(runs), agents, 2)), np.zeros((len(runs), agents), bool)
     for k, run in enumerate(runs):
         contacts[k, : len(run.condition.contacts)] = run.condition.contacts
         mask[k, : len(run.condition.contacts)] = True
-    motion = np.array([run.motion for run in runs])
+    motion = np.array([run.rollout.twist for run in runs])
     before = np.array([run.previous for run in runs])
     ahead = continuation(jnp.asarray(before, jnp.float32), jnp.asarray(motion, jnp.float32))
     leaves: Any = (
-        np.array([run.pose for run in runs]),
+        np.array([run.rollout.pose for run in runs]),
         motion,
         np.array([run.condition.goal for run in runs]),
         contacts,
@@ -228,17 +216,17 @@ class BridgeGenerator:
         if max_draws < 1:
             raise ValueError(f"`max_draws` must be at least 1; got {max_draws}.")
         rest = np.zeros(3), np.zeros((HORIZON, 3))
-        runs = [_Running(Start(each, *rest), first + k) for k, each in enumerate(conditions)]
+        runs = [_PolicyRollout(Start(each, *rest), first + k) for k, each in enumerate(conditions)]
         agents = padded_robots(max((len(c.contacts) for c in conditions), default=0))
         given = 0
         for policy in range(MAX_POLICIES):
-            under_way = [run for run in runs if not run.over]
+            under_way = [run for run in runs if not run.rollout.over]
             if not under_way:
                 break
             condition = _stack(under_way, agents)
             on_round(Round(policy, tuple(run.number for run in under_way), condition))
             self._advance(under_way, condition, seed, policy, max_draws)
-            over = list(takewhile(lambda run: run.over, runs[given:]))
+            over = list(takewhile(lambda run: run.rollout.over, runs[given:]))
             given += len(over)
             if over:
                 yield [run.finish(seed, self.speed_limit) for run in over]
@@ -249,11 +237,17 @@ class BridgeGenerator:
         self, starts: Sequence[Start], *, seed: int = 0, max_draws: int = MAX_DRAWS
     ) -> list[Single]:
         """One policy from each start, of at least one robot; arguments as in `trials`."""
-        runs = [_Running(start, number) for number, start in enumerate(starts)]
+        runs = [_PolicyRollout(start, number) for number, start in enumerate(starts)]
         agents = padded_robots(max(len(start.condition.contacts) for start in starts))
         self._advance(runs, _stack(runs, agents), seed, 0, max_draws)
         return [
-            Single(run.condition, run.twists, run.records[0], bool(run.first_met), run.failure)
+            Single(
+                run.condition,
+                run.rollout.executed(),
+                run.records[0],
+                bool(run.first_met),
+                run.rollout.failure,
+            )
             for run in runs
         ]
 
@@ -269,7 +263,7 @@ class BridgeGenerator:
 
     def _advance(
         self,
-        runs: list[_Running],
+        runs: list[_PolicyRollout],
         condition: BridgeCondition,
         seed: int,
         policy: int,
@@ -294,7 +288,7 @@ class BridgeGenerator:
                 run.stop(replace(tried.sample.record, draws=tried.draws), tried.sample.reason)
 
     def _try(
-        self, run: _Running, drawn: Policies, row: int, draws: int, policy: int
+        self, run: _PolicyRollout, drawn: Policies, row: int, draws: int, policy: int
     ) -> _Refusal | None:
         """Executes a policy, or returns why it is refused."""
         plan = drawn.twists[row]
@@ -314,7 +308,7 @@ class BridgeGenerator:
             made,
         )
         run.first_met = record.met if run.first_met is None else run.first_met
-        verdict = execute(run.pose, plan[:EXECUTED], run.condition.contacts)
+        verdict = execute(run.rollout.pose, plan[:EXECUTED], run.condition.contacts)
         too_fast = self.speed_limit is not None and record.speed > self.speed_limit
         if self.guided and (not record.met or verdict.reason is not None or too_fast):
             reason = _refusal(run, drawn, row, verdict, policy, self.speed_limit)
@@ -324,7 +318,7 @@ class BridgeGenerator:
 
 
 def _refusal(
-    run: _Running,
+    run: _PolicyRollout,
     drawn: Policies,
     row: int,
     verdict: Verdict,
