@@ -86,6 +86,14 @@ def test_a_room_imports_only_from_rooms_below_it(path):
         assert other not in APART.get(room, ()), f"{room} imports {other}"
 
 
+@pytest.mark.parametrize("path", sorted((ROOT / "view").glob("*.py")), ids=lambda p: p.name)
+def test_what_tasks_share_in_pictures_knows_no_task(path):
+    text = path.read_text()
+    assert "tasks" not in set(imports(path))
+    for name in ("deggflow.tasks", ".tabletop", ".bridge"):
+        assert name not in text, f"{path.name} names {name}"
+
+
 def test_files_stay_readable():
     long = [path.name for path in FILES if len(path.read_text().splitlines()) > 400]
     assert not long

@@ -13,7 +13,7 @@ import pytest
 from deggflow.app import pictures
 from deggflow.tasks.tabletop.formats import read_scenes
 from deggflow.tasks.tabletop.oracle import refutes
-from deggflow.view.video import write_video
+from deggflow.view.tabletop import write_video
 
 
 def conditions(path, *rows):

@@ -1,5 +1,7 @@
 """Figures of the report: what is given is drawn, with its interval, its colour and its unit."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -13,11 +15,20 @@ from deggflow.view.distances import (
     draw_ratios,
 )
 from deggflow.view.evolution import LEAST, ViolationCurves, draw_violations
-from deggflow.view.rates import RateSeries, rates_by_name, rates_over_size
-from deggflow.view.sheet import picture_row
+from deggflow.view.frontier import FLOOR, FrontierPoint, FrontierSeries, frontier
+from deggflow.view.rates import (
+    RateSeries,
+    SuccessBars,
+    rates_by_name,
+    rates_over_size,
+    success_bars,
+)
+from deggflow.view.sheet import picture_column, picture_row
 from deggflow.view.style import GUIDED, NOMINAL, OTHERS, written
 
 RATES = {4: Rate(44, 50), 8: Rate(8, 50)}
+THREE = [Rate(9, 10), Rate(6, 10), Rate(10, 10)]
+NAMES = {"xlabel": "number of robots $N$", "ylabel": "trials that bridge the gap (%)"}
 
 
 def drawn_bars(axes):
@@ -31,9 +42,9 @@ def drawn_bars(axes):
 def test_rates_stand_with_their_wilson_intervals():
     ours, theirs = RateSeries("ours", GUIDED, RATES), RateSeries("paper", GUIDED, RATES, True)
     axes = rates_over_size([ours, theirs], seen=6).axes[0]
-    found = list(drawn_bars(axes))
-    assert len(found) == 2
-    for (_, line, segments), hollow in zip(found, (False, True), strict=True):
+    bars = list(drawn_bars(axes))
+    assert len(bars) == 2
+    for (_, line, segments), hollow in zip(bars, (False, True), strict=True):
         np.testing.assert_allclose(line.get_ydata(), [88, 16])
         ends = [[100 * end for end in rate.interval()] for rate in RATES.values()]
         np.testing.assert_allclose(segments[:, :, 1], ends)
@@ -139,3 +150,67 @@ def test_a_figure_is_written_the_same_twice(kind):
         return rates_by_name([RateSeries("ours", NOMINAL, {"one": Rate(1, 2)})])
 
     assert written(figure(), kind) == written(figure(), kind)
+
+
+def test_pictures_stand_below_each_other_under_their_titles():
+    images = [np.full((20, 60, 3), shade, np.uint8) for shade in (10, 120, 240)]
+    figure = picture_column(images, ["first", "second", "third"], width=3.0)
+    assert [axes.get_title() for axes in figure.axes] == ["first", "second", "third"]
+    places = [axes.get_position() for axes in figure.axes]
+    assert all(lower.y1 < upper.y0 for upper, lower in pairwise(places))
+    assert places[0].y1 < 1.0  # there is room for the first title
+    size = figure.get_size_inches()
+    for axes, image, place in zip(figure.axes, images, places, strict=True):
+        np.testing.assert_array_equal(axes.images[0].get_array(), image)
+        assert place.width * size[0] == pytest.approx(3.0)
+        assert place.height * size[1] == pytest.approx(1.0)  # nothing is stretched
+
+
+def test_pictures_of_different_sizes_are_refused():
+    with pytest.raises(ValueError, match="one size"):
+        picture_column([np.zeros((2, 3, 3), np.uint8), np.zeros((3, 3, 3), np.uint8)], ["a", "b"])
+    with pytest.raises(ValueError, match="one or more"):
+        picture_column([], [])
+
+
+def test_bars_are_as_high_as_the_rates_and_their_whiskers_as_long_as_the_intervals():
+    bars = [
+        SuccessBars("nominal", "#D55E00", THREE),
+        SuccessBars("guided", "#0072B2", THREE[::-1], quoted=True),
+    ]
+    (axes,) = (figure := success_bars(["4", "5", "8 (unseen)"], bars, **NAMES)).axes
+    assert {"xlabel": axes.get_xlabel(), "ylabel": axes.get_ylabel()} == NAMES
+    assert [tick.get_text() for tick in axes.get_xticklabels()] == ["4", "5", "8 (unseen)"]
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == ["nominal", "guided"]
+    rows, whiskers = axes.containers[::2], axes.containers[1::2]
+    for each, container, whisker in zip(bars, rows, whiskers, strict=True):
+        heights = [patch.get_height() for patch in container]
+        np.testing.assert_allclose(heights, [100 * rate.proportion for rate in each.rates])
+        assert {bool(patch.get_hatch()) for patch in container} == {each.quoted}
+        ends = np.array([segment[:, 1] for segment in whisker.lines[2][0].get_segments()])
+        expected = [[100 * end for end in rate.interval()] for rate in each.rates]
+        np.testing.assert_allclose(ends, expected, atol=1e-9)
+    centres = np.array([[patch.get_x() + patch.get_width() / 2 for patch in c] for c in rows])
+    # Each group stands over its name.
+    np.testing.assert_allclose(centres.mean(axis=0), [0, 1, 2], atol=1e-12)
+
+
+def test_bars_need_a_rate_for_each_group():
+    with pytest.raises(ValueError, match="nominal"):
+        success_bars(["4"], [SuccessBars("nominal", "#D55E00", THREE)], **NAMES)
+
+
+def test_marks_on_the_frontier_are_whole_even_at_distance_zero():
+    points = [FrontierPoint(Rate(1, 20), 0.0, True), FrontierPoint(Rate(20, 20), 2.0, False)]
+    series = FrontierSeries("nominal", NOMINAL, "s", points, False)
+    figure = frontier([("$N = 8$", [series])], unit="m")
+    (axes,) = figure.axes
+    figure.canvas.draw()
+    left, bottom = axes.transAxes.transform((0.0, 0.0))
+    half = 4.5 / 2 / 72 * figure.dpi  # of a mark, pixels
+    for x, y in ((0.0, 95.0), (2.0, FLOOR)):
+        place = axes.transData.transform((x, y))
+        assert place[0] - half > left
+        assert place[1] - half > bottom
+    assert axes.get_xticks().min() <= 0.0

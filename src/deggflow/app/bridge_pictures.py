@@ -22,11 +22,10 @@ from deggflow.tasks.bridge.report import ModesEvaluation
 from deggflow.tasks.bridge.task import trial_generator
 from deggflow.tasks.bridge.trial import Trial
 from deggflow.tasks.bridge.world import DT, EXECUTED
+from deggflow.view.bounds import BoundPanel, draw_bounds
 from deggflow.view.bridge import (
-    BoundPanel,
     PathGroup,
     compare,
-    draw_bounds,
     draw_paths,
     picture,
     snapshots,

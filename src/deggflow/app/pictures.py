@@ -18,9 +18,8 @@ from deggflow.tasks.tabletop.options import TabletopRender
 from deggflow.tasks.tabletop.scene import Scene
 from deggflow.tasks.tabletop.task import scene_generator
 from deggflow.tasks.tabletop.verdict import Poses, judge
-from deggflow.view.mjcf import scene_mjcf
-from deggflow.view.picture import map_blocks, render, save_png
-from deggflow.view.video import write_video
+from deggflow.view.picture import panels, save_png
+from deggflow.view.tabletop import render, scene_mjcf, write_video
 
 Renderer = Literal["auto", "mujoco", "matplotlib"]
 
@@ -125,7 +124,7 @@ def write_pictures(
         before = generations.nominal[-1]
         left = picture(before)
         captions = (_caption(scene, before), _caption(scene, scene.poses))
-        image = map_blocks(left, image, captions=captions)
+        image = panels([left, image], titles=("Nominal", "Guided"), captions=captions)
     save_png(target, image)
     if video and generations is not None:
         out.append(target.with_suffix(".mp4"))

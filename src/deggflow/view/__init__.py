@@ -1,1 +1,1 @@
-"""Pictures: scenes in MuJoCo, drawn top views, videos."""
+"""Pictures: what tasks share here, what draws each task in a folder of its own."""

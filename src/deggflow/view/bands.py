@@ -13,15 +13,27 @@ SKIPPED = 0.04  # of the run: axes that fit its first losses would squeeze all o
 
 
 class Band(NamedTuple):
-    """One loss of several seeds at the same steps."""
+    """One loss of several seeds.
+
+    Attributes:
+        steps: Where all of them were evaluated.
+        mean: Over seeds.
+        deviation: Sample standard deviation over seeds; None of one seed.
+    """
 
     steps: Int[np.ndarray, " points"]
     mean: Float[np.ndarray, " points"]
-    deviation: Float[np.ndarray, " points"] | None  # sample standard deviation; None of one seed
+    deviation: Float[np.ndarray, " points"] | None
 
 
 class CurvePanel(NamedTuple):
-    """Both losses of one task."""
+    """Both losses of one task.
+
+    Attributes:
+        title: Above the axes.
+        training: The training loss.
+        validation: The validation loss.
+    """
 
     title: str
     training: Band
@@ -44,7 +56,7 @@ def draw_bands(panels: Sequence[CurvePanel], *, width: float) -> Figure:
     """
     figure, row = new_figure(2.5, width=width, columns=len(panels))
     for axes, panel in zip(row, panels, strict=True):
-        shown = []
+        ends = []
         for label, colour, band in (
             ("training", OTHERS[0], panel.training),
             ("validation", OTHERS[1], panel.validation),
@@ -57,9 +69,9 @@ def draw_bands(panels: Sequence[CurvePanel], *, width: float) -> Figure:
                     band.steps / 1000, low, high, color=colour, alpha=0.25, linewidth=0
                 )
             later = band.steps >= SKIPPED * band.steps[-1]
-            shown += [low[later].min(), high[later].max()]
-        room = 0.05 * max(max(shown) - min(shown), 1e-6)
-        axes.set(ylim=(min(shown) - room, max(shown) + room), xlim=(0, None), title=panel.title)
+            ends += [low[later].min(), high[later].max()]
+        room = 0.05 * max(max(ends) - min(ends), 1e-6)
+        axes.set(ylim=(min(ends) - room, max(ends) + room), xlim=(0, None), title=panel.title)
         axes.set_xlabel("training step (thousands)")
     row[0].set_ylabel("loss (per agent)")
     above(figure, row[0], columns=2)

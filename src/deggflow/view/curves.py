@@ -1,16 +1,14 @@
 """Training curves as a figure."""
 
-from pathlib import Path
+from matplotlib.figure import Figure
 
-from deggflow.files import StrPath, write_atomically
+from deggflow.files import StrPath
+
+from .style import save_figure
 
 
 def draw_curves(source: StrPath, target: StrPath) -> None:
     """Draws the curves of a run (curves.csv) as PNG, PDF or SVG, by the target's ending."""
-    import io
-
-    from matplotlib.figure import Figure
-
     from deggflow.train import read_curves
 
     curves = read_curves(source)
@@ -23,6 +21,4 @@ def draw_curves(source: StrPath, target: StrPath) -> None:
     axes.set_ylabel("flow-matching loss (per agent)")
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(frameon=False)
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format=Path(target).suffix.lstrip("."), dpi=200)
-    write_atomically(target, buffer.getvalue())
+    save_figure(target, figure)

@@ -23,7 +23,13 @@ STATES, POSES = OTHERS[0], OTHERS[1]  # colours of the two metrics
 
 
 class Measured(NamedTuple):
-    """A ratio with its interval."""
+    """A ratio with its interval.
+
+    Attributes:
+        value: The ratio.
+        low: Lower end of the interval.
+        high: Upper end of the interval.
+    """
 
     value: float
     low: float
@@ -31,21 +37,35 @@ class Measured(NamedTuple):
 
 
 class RatioSeries(NamedTuple):
-    """A ratio over the number of agents, ours and what the paper's text says of it."""
+    """A ratio over the number of agents, ours and what the paper's text says of it.
+
+    Attributes:
+        label: In the legend.
+        colour: Of markers and band.
+        ours: By number of agents.
+        points: The paper's, by number of agents.
+        band: The paper's least and greatest, whatever the number of agents.
+    """
 
     label: str
     colour: str
     ours: Mapping[int, Measured]
-    points: Mapping[int, float]  # the paper's
-    band: tuple[float, float] | None = None  # the paper's least and greatest, whatever the size
+    points: Mapping[int, float]
+    band: tuple[float, float] | None = None
 
 
 class BoundLine(NamedTuple):
-    """A distance over the number of agents, as natural logarithms."""
+    """A distance over the number of agents.
+
+    Attributes:
+        label: In the legend.
+        logs: Natural logarithms of the distance, by number of agents.
+        promised: Whether it is a bound; else it is measured.
+    """
 
     label: str
     logs: Mapping[int, float]
-    promised: bool  # a bound; else measured
+    promised: bool
 
 
 @look()
@@ -71,18 +91,18 @@ def draw_ratios(panels: Sequence[tuple[str, Sequence[RatioSeries]]]) -> Figure:
 
 def _draw_ratio(axes: Axes, series: RatioSeries, shift: float) -> None:
     sizes = sorted(series.ours)
-    found = 100 * np.array([series.ours[size] for size in sizes])
+    value, low, high = 100 * np.array([series.ours[size] for size in sizes]).T
     x = np.array(sizes) + shift
-    reach = np.maximum([found[:, 0] - found[:, 1], found[:, 2] - found[:, 0]], 0.0)
+    reach = np.maximum([value - low, high - value], 0.0)
     axes.errorbar(
-        x, found[:, 0], yerr=reach, color=series.colour, marker="o", label=series.label,
+        x, value, yerr=reach, color=series.colour, marker="o", label=series.label,
         elinewidth=0.9, markersize=3.6,
     )  # fmt: skip
     if series.points:
         sizes = sorted(series.points)
-        quoted = [100 * series.points[size] for size in sizes]
+        percentages = [100 * series.points[size] for size in sizes]
         axes.plot(
-            np.array(sizes) + shift, quoted, "o", color=series.colour, markerfacecolor="white",
+            np.array(sizes) + shift, percentages, "o", color=series.colour, markerfacecolor="white",
             markersize=4.2,
         )  # fmt: skip
     if series.band is not None:

@@ -12,13 +12,21 @@ LEAST = 1e-6  # m^2, lower end of the axis; V comes to zero, which no logarithm 
 
 
 class ViolationCurves(NamedTuple):
-    """V along two generations from the same z(0)."""
+    """V along two generations from the same z(0).
+
+    Attributes:
+        tau: Generative times.
+        nominal: V without guidance, m^2.
+        guided: V with guidance, m^2.
+        bound: Of the guided one, m^2.
+        enough: A V below which every requirement holds, m^2.
+    """
 
     tau: Float[np.ndarray, " points"]
-    nominal: Float[np.ndarray, " points"]  # m^2
+    nominal: Float[np.ndarray, " points"]
     guided: Float[np.ndarray, " points"]
-    bound: Float[np.ndarray, " points"]  # of the guided one
-    enough: float  # a V below which every requirement holds, m^2
+    bound: Float[np.ndarray, " points"]
+    enough: float
 
 
 @look()

@@ -1,4 +1,4 @@
-"""Failures against deviation, of many ways to guide."""
+"""Failures against deviation, of many guidance methods."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -10,33 +10,49 @@ from deggflow.statistics import Rate
 
 from .style import PAGE, look, new_figure
 
-FLOOR = 0.1  # %, where a way without a failure is drawn
+FLOOR = 0.1  # %, where a method without a failure is drawn
+
+_MARGIN = 0.03  # of the distance axis, so that marks at 0 are whole
 
 
 class FrontierPoint(NamedTuple):
-    """One setting of a way's hyperparameters."""
+    """One setting of a method's hyperparameters.
 
-    rate: Rate  # of success
-    transport: float  # W2 to the nominal samples
-    chosen: bool  # the setting that stands in tables
+    Attributes:
+        rate: Of success.
+        transport: W2 to the nominal samples.
+        chosen: Whether tables show this setting.
+    """
+
+    rate: Rate
+    transport: float
+    chosen: bool
 
 
 class FrontierSeries(NamedTuple):
-    """One way to guide; its points in the order of its hyperparameters."""
+    """One method.
+
+    Attributes:
+        label: In the legend.
+        colour: Of its markers.
+        marker: Matplotlib's code of their shape.
+        points: In the order of the hyperparameters.
+        joined: Whether a line joins the points: there is but one hyperparameter.
+    """
 
     label: str
     colour: str
     marker: str
     points: Sequence[FrontierPoint]
-    joined: bool  # there is but one hyperparameters: a line makes sense
+    joined: bool
 
 
 @look()
 def frontier(panels: Sequence[tuple[str, Sequence[FrontierSeries]]], *, unit: str) -> Figure:
-    """Share of failures over the distance from nominal; the best ways are at the lower left.
+    """Share of failures over the distance from nominal; the best methods are at the lower left.
 
     Args:
-        panels: Title and ways of each set of axes.
+        panels: Title and methods of each set of axes.
         unit: Of the distance.
     """
     figure, row = new_figure(3.6, width=PAGE, columns=len(panels), sharey=True)
@@ -44,7 +60,8 @@ def frontier(panels: Sequence[tuple[str, Sequence[FrontierSeries]]], *, unit: st
         for each in series:
             _draw(axes, each)
         axes.set(yscale="log", ylim=(FLOOR / 1.5, 130), title=title)
-        axes.set_xlim(left=0)
+        right = axes.get_xlim()[1]
+        axes.set_xlim(-_MARGIN * right, right)
         axes.set_xlabel(f"$W_2$ to nominal ({unit})")
         axes.set_yticks([FLOOR, 1, 10, 100], ["none", "1", "10", "100"])
     row[0].set_ylabel("failed (%)")

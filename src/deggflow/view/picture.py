@@ -1,70 +1,20 @@
-"""Pictures of scenes as arrays, beside each other, and as PNG files."""
+"""Pictures as arrays, beside each other, and as PNG files."""
 
 from collections.abc import Sequence
-from contextlib import closing
 from functools import cache
 from io import BytesIO
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import UInt8
 from PIL import Image, ImageDraw, ImageFont
 
 from deggflow.files import StrPath, write_atomically
-from deggflow.tasks.tabletop.condition import SceneCondition
-from deggflow.tasks.tabletop.verdict import judge
 
-from .marks import checked_poses
-from .stage import Camera, RendererName, open_stage
-
-OVERSAMPLING = 3  # pictures for print; a video makes do with less
-_INK, GREY = (25, 25, 25), (70, 70, 70)
+INK, GREY = (25, 25, 25), (70, 70, 70)  # of titles and of captions
 
 Picture = UInt8[np.ndarray, "height width 3"]
 Ink = tuple[int, int, int]
 Sheet = UInt8[np.ndarray, "rows columns 3"]
-
-
-def render(
-    condition: SceneCondition,
-    poses: Float[np.ndarray, "agents 3"],
-    *,
-    width: int = 960,
-    height: int = 720,
-    camera: Camera = "studio",
-    renderer: RendererName = "auto",
-) -> UInt8[np.ndarray, "height width 3"]:
-    """A picture of one scene.
-
-    Args:
-        condition: Objects, requirements and table.
-        poses: x, y (m) and theta (rad) of each object.
-        width: Of the picture, pixels.
-        height: Of the picture, pixels.
-        camera: "studio" (slanted) or "top"; MuJoCo only.
-        renderer: "mujoco", "matplotlib" (a top view), or "auto": MuJoCo where OpenGL can be used.
-    """
-    rows = checked_poses(condition, poses)
-    stage = open_stage(
-        condition,
-        width=width,
-        height=height,
-        camera=camera,
-        renderer=renderer,
-        oversampling=OVERSAMPLING,
-    )
-    with closing(stage):
-        return stage.picture(rows, judge([condition], [rows])[0])
-
-
-def map_blocks(
-    left: Picture,
-    right: Picture,
-    *,
-    titles: tuple[str, str] = ("Nominal", "Guided"),
-    captions: tuple[str, str] | None = None,
-) -> Sheet:
-    """Two pictures beside each other as in the paper: title above, caption of one line below."""
-    return panels([left, right], titles=titles, captions=captions)
 
 
 def panels(
@@ -96,11 +46,11 @@ def panels(
         sheet.paste(Image.fromarray(image), (x, head))
         draw.rectangle((x, head, x + widths[k] - 1, head + height - 1), outline=(205, 205, 205))
         middle = x + widths[k] / 2
-        draw.text((middle, head / 2), titles[k], _INK, font("bold", text), anchor="mm")
+        draw.text((middle, head / 2), titles[k], INK, font("bold", text), anchor="mm")
         if captions:
-            fitted = fitting(captions[k], round(0.8 * text), widths[k])
+            letters = fitting(captions[k], round(0.8 * text), widths[k])
             ink = inks[k] if inks else GREY
-            draw.text((middle, head + height + foot / 2), captions[k], ink, fitted, anchor="mm")
+            draw.text((middle, head + height + foot / 2), captions[k], ink, letters, anchor="mm")
         x += widths[k] + gap
     return np.array(sheet)
 
@@ -123,5 +73,5 @@ def font(weight: str, size: int) -> ImageFont.FreeTypeFont:
 
 def fitting(text: str, size: int, width: int) -> ImageFont.FreeTypeFont:
     """The regular font, smaller than asked where the text would be wider than its picture."""
-    needed = font("regular", size).getlength(text)
-    return font("regular", max(min(size, int(size * width / max(needed, 1.0))), 6))
+    length = font("regular", size).getlength(text)
+    return font("regular", max(min(size, int(size * width / max(length, 1.0))), 6))

@@ -1,24 +1,53 @@
-"""Success rates with their intervals, over team sizes and over families of requirements."""
+"""Success rates with their intervals: over team sizes, over families of requirements, as bars."""
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from deggflow.statistics import Rate
 
 from .style import COLUMN, above, look, name_hollow, new_figure, whole_numbers
 
+_FILLED = 0.82  # of a group's room, by its bars
+_LIGHT = 0.4  # part of the colour that quoted bars have
+_BARS_WIDTH = 5.4  # inches of a figure with bars
+
 
 class RateSeries(NamedTuple):
-    """Rates that are drawn alike, by team size or by name of a row."""
+    """Rates that are drawn alike.
+
+    Attributes:
+        label: In the legend.
+        colour: Of its markers.
+        rates: By team size or by name of a row.
+        hollow: Somebody else's figures: open markers, not connected.
+    """
 
     label: str
     colour: str
     rates: Mapping[int, Rate] | Mapping[str, Rate]
-    hollow: bool = False  # somebody else's figures: open markers, not connected
+    hollow: bool = False
+
+
+class SuccessBars(NamedTuple):
+    """Success rates that are drawn alike, one for each group.
+
+    Attributes:
+        label: In the legend.
+        colour: Of its bars.
+        rates: One for each group.
+        quoted: Somebody else's, drawn light and hatched.
+    """
+
+    label: str
+    colour: str
+    rates: Sequence[Rate]
+    quoted: bool = False
 
 
 @look()
@@ -69,6 +98,44 @@ def rates_by_name(series: Sequence[RateSeries]) -> Figure:
     return figure
 
 
+@look()
+def success_bars(
+    groups: Sequence[str], bars: Sequence[SuccessBars], *, xlabel: str, ylabel: str
+) -> Figure:
+    """Success rates with their 95% Wilson intervals, a group of bars for each team size.
+
+    Args:
+        groups: What is written below each group.
+        bars: Each has one rate for every group.
+        xlabel: What the groups are.
+        ylabel: What the rates are, in percent.
+
+    Raises:
+        ValueError: If the rates don't fit the groups.
+    """
+    for each in bars:
+        if len(each.rates) != len(groups):
+            raise ValueError(
+                f"`bars` must hold one rate for each of {len(groups)} groups; "
+                f"{each.label!r} has {len(each.rates)}."
+            )
+    figure, (axes,) = new_figure(2.7, width=_BARS_WIDTH)
+    width = _FILLED / max(len(bars), 1)
+    for k, each in enumerate(bars):
+        x = np.arange(len(groups)) + (k - (len(bars) - 1) / 2) * width
+        proportion, reach = _percentages(each.rates)
+        colour = 1.0 - (_LIGHT if each.quoted else 1.0) * (1.0 - np.array(to_rgb(each.colour)))
+        for bar in axes.bar(x, proportion, 0.9 * width, color=colour, label=each.label):
+            bar.set(hatch="/////" if each.quoted else None, edgecolor="white", linewidth=0.0)
+        axes.errorbar(x, proportion, reach, fmt="none", ecolor="#222222", elinewidth=0.8)
+    axes.set_xticks(np.arange(len(groups)), groups)
+    axes.tick_params(axis="x", length=0)
+    axes.set(xlabel=xlabel, ylabel=ylabel, ylim=(0.0, 103.0))
+    axes.grid(visible=False, axis="x")
+    above(figure, axes, columns=max(len(bars), 1))
+    return figure
+
+
 def _legend(figure: Figure, axes: Axes, series: Sequence[RateSeries]) -> None:
     """One entry for each method, and one in grey for each other source."""
     for label in dict.fromkeys(each.label for each in series if each.hollow):
@@ -76,19 +143,27 @@ def _legend(figure: Figure, axes: Axes, series: Sequence[RateSeries]) -> None:
     above(figure, axes, columns=2)
 
 
-def _draw(
-    axes: Axes, series: RateSeries, places: np.ndarray, rates: Sequence[Rate], *, vertical: bool
-) -> None:
+def _percentages(
+    rates: Sequence[Rate],
+) -> tuple[Float[np.ndarray, " rates"], Float[np.ndarray, "2 rates"]]:
+    """Rates in percent, and how far their intervals reach below and above."""
     proportion = np.array([100 * rate.proportion for rate in rates])
     ends = 100 * np.array([rate.interval() for rate in rates]).reshape(-1, 2)
     # Rounding may put an interval's end a hair within the proportion.
-    reach = np.maximum(np.stack([proportion - ends[:, 0], ends[:, 1] - proportion]), 0.0)
+    return proportion, np.maximum(np.stack([proportion - ends[:, 0], ends[:, 1] - proportion]), 0.0)
+
+
+def _draw(
+    axes: Axes, series: RateSeries, places: np.ndarray, rates: Sequence[Rate], *, vertical: bool
+) -> None:
+    proportion, reach = _percentages(rates)
     x, y = (places, proportion) if vertical else (proportion, places)
+    errors: dict[str, Any] = {"yerr" if vertical else "xerr": reach}
     connected = vertical and not series.hollow
     axes.errorbar(
         x,
         y,
-        **{"yerr" if vertical else "xerr": reach},
+        **errors,
         label=None if series.hollow else series.label,
         color=series.colour,
         marker="o",

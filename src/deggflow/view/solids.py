@@ -1,6 +1,6 @@
 """Simple solids that the pictured objects are made of, and ways to put several together.
 
-Lengths in m, angles in rad; x, y in the object's body frame, z up from the table's surface.
+Lengths in m, angles in rad; x, y in the object's body frame, z up from the ground or a table's surface.
 """
 
 import math
@@ -12,35 +12,46 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from deggflow.tasks.tabletop.library import Primitive
+from .colours import Colour
 
 Point = tuple[float, float, float]
-Colour = tuple[float, float, float]
 
 _EDGES = 48  # of the prism that stands for a body of revolution
 
 
 @dataclass(frozen=True)
 class Solid:
-    """One geom; `size` as in MJCF: half extents, semi-axes, or radius and half height."""
+    """One geom.
+
+    Attributes:
+        shape: Its kind.
+        size: As in MJCF: a box's half extents; an ellipsoid's semi-axes; a cylinder's radius and half
+            height; a capsule's radius. A frustum's lower and upper radius and half height.
+        colour: Red, green and blue in [0, 1].
+        at: Its centre; of a capsule, one end of the axis.
+        turn: Yaw, pitch and roll: about z, then the new y, then the new x.
+        to: Of a capsule, the other end of the axis.
+    """
 
     shape: Literal["box", "cylinder", "ellipsoid", "capsule", "frustum"]
-    size: tuple[float, ...]  # a capsule: its radius; a frustum: lower and upper radius, half height
+    size: tuple[float, ...]
     colour: Colour
-    at: Point = (0.0, 0.0, 0.0)  # centre; one end of a capsule's axis
-    turn: Point = (0.0, 0.0, 0.0)  # yaw, pitch, roll: about z, then the new y, then the new x
-    to: Point | None = None  # the other end of a capsule's axis
-
-
-def rgb(code: str) -> Colour:
-    """Colour from its code, "#rrggbb"."""
-    red, green, blue = (int(code[i : i + 2], 16) / 255 for i in (1, 3, 5))
-    return red, green, blue
+    at: Point = (0.0, 0.0, 0.0)
+    turn: Point = (0.0, 0.0, 0.0)
+    to: Point | None = None
 
 
 def box(half: Point, at: Point, colour: Colour, turn: Point = (0.0, 0.0, 0.0)) -> Solid:
     """A box given by half extents and centre."""
     return Solid("box", half, colour, at, turn)
+
+
+def box_between(
+    x: tuple[float, float], y: tuple[float, float], z: tuple[float, float], colour: Colour
+) -> Solid:
+    """A box given by its ends along each axis."""
+    half = (x[1] - x[0]) / 2, (y[1] - y[0]) / 2, (z[1] - z[0]) / 2
+    return box(half, ((x[0] + x[1]) / 2, (y[0] + y[1]) / 2, (z[0] + z[1]) / 2), colour)
 
 
 def drum(
@@ -60,32 +71,40 @@ def ball(semi_axes: Point, at: Point, colour: Colour, turn: Point = (0.0, 0.0, 0
     return Solid("ellipsoid", semi_axes, colour, at, turn)
 
 
-def slab(
-    shape: Primitive, bottom: float, top: float, colour: Colour, grow: float = 0.0
+def rounded_slab(
+    half: tuple[float, float],
+    corner: float,
+    heights: tuple[float, float],
+    colour: Colour,
+    *,
+    centre: tuple[float, float] = (0.0, 0.0),
+    grow: float = 0.0,
 ) -> list[Solid]:
-    """An upright slab over a footprint of the library.
+    """An upright slab over a rectangle with round corners.
 
     Args:
-        shape: The footprint.
-        bottom: Height of the lower face.
-        top: Height of the upper face.
+        half: Half extents of the rectangle along x and y.
+        corner: Radius of its corners.
+        heights: Of the lower and the upper face.
         colour: Colour of all of it.
-        grow: How far the outline lies outside the footprint (inside if negative).
+        centre: Of the rectangle.
+        grow: How far the slab's outline lies outside the rectangle (inside if negative).
     """
-    hx, hy = shape.half_x - shape.corner, shape.half_y - shape.corner  # core
-    corner = max(shape.corner + grow, 0.001)
-    inset = min(shape.corner + grow - corner, 0.0)  # what the corner radius could not give
+    hx, hy = half[0] - corner, half[1] - corner  # core
+    radius = max(corner + grow, 0.001)
+    inset = min(corner + grow - radius, 0.0)  # what the corner radius could not give
     hx, hy = hx + inset, hy + inset
+    (x, y), (bottom, top) = centre, heights
     if hx <= 0.0 and hy <= 0.0:
-        return [drum(corner, bottom, top, colour, shape.x, shape.y)]
+        return [drum(radius, bottom, top, colour, x, y)]
     half_height, middle = (top - bottom) / 2, (top + bottom) / 2
-    at = (shape.x, shape.y, middle)
+    at = (x, y, middle)
     sides = [
-        box((hx + corner, hy, half_height), at, colour),
-        box((hx, hy + corner, half_height), at, colour),
+        box((hx + radius, hy, half_height), at, colour),
+        box((hx, hy + radius, half_height), at, colour),
     ]
     corners = [
-        drum(corner, bottom, top, colour, shape.x + sx * hx, shape.y + sy * hy)
+        drum(radius, bottom, top, colour, x + sx * hx, y + sy * hy)
         for sx in (-1, 1)
         for sy in (-1, 1)
     ]

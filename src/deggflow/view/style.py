@@ -6,12 +6,15 @@ Colours are Okabe and Ito's (2008), told apart by colour-blind readers too. A me
 from collections.abc import Iterator
 from contextlib import contextmanager
 from io import BytesIO
+from pathlib import Path
 from typing import Any, Literal
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+
+from deggflow.files import StrPath, write_atomically
 
 NOMINAL, GUIDED = "#D55E00", "#0072B2"  # vermilion, blue
 NATURAL = "#E69F00"  # orange: nominal, under the requirements that the field was trained for
@@ -20,7 +23,8 @@ OTHERS = ("#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#F0E442")  # f
 GREY = "#8A8A8A"
 
 COLUMN, PAGE = 3.4, 7.0  # inches, widths of a paper's column and page
-_DPI = 220  # of PNG files
+_REPORT_DPI, _DPI = 220, 200  # of PNG files: of the report, and else
+_UNDATED = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
 
 _LOOK: Any = {
     "font.family": "STIXGeneral",
@@ -94,8 +98,16 @@ def whole_numbers(axes: Axes, values: Any) -> None:
 
 def written(figure: Figure, kind: Literal["png", "pdf"]) -> bytes:
     """The figure as a file's content: the same figure gives the same bytes."""
-    buffer = BytesIO()
-    metadata = {"CreationDate": None} if kind == "pdf" else None
     with look():
-        figure.savefig(buffer, format=kind, dpi=_DPI, metadata=metadata)
+        return _content(figure, kind, _REPORT_DPI)
+
+
+def save_figure(path: StrPath, figure: Figure) -> None:
+    """Writes a figure as PNG, PDF or SVG, by the file's ending; a kill leaves the old file or the new one."""
+    write_atomically(path, _content(figure, Path(path).suffix.lstrip(".").lower(), _DPI))
+
+
+def _content(figure: Figure, kind: str, dpi: int) -> bytes:
+    buffer = BytesIO()
+    figure.savefig(buffer, format=kind, dpi=dpi, metadata=_UNDATED.get(kind))
     return buffer.getvalue()

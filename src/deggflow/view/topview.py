@@ -1,99 +1,41 @@
-"""The scene from above, drawn by matplotlib: needs no OpenGL, can be saved as vector graphics."""
-
-from functools import cache
-from typing import Any
+"""Views from above, drawn by matplotlib: they need no OpenGL and can be saved as vector graphics."""
 
 import numpy as np
 from jaxtyping import Float, UInt8
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle
-from matplotlib.patheffects import withStroke
 from scipy.spatial import ConvexHull
 
-from deggflow.tasks.tabletop.condition import Balance, SceneCondition
-from deggflow.tasks.tabletop.library import object_type, type_name
-from deggflow.tasks.tabletop.verdict import Verdict, judge
+from .solids import Solid, frustum_corners, rotation
 
-from .bodies import solids_of
-from .marks import Marks, centre_of_mass, checked_poses, discs_of, marks_of
-from .solids import Colour, Solid, frustum_corners, rotation
-
-# Bluish green and vermilion differ for colour-blind readers too (Okabe and Ito, 2008); hatching and
-# dashes tell them apart in print without colour.
-FREE, BLOCKED, BALANCE = "#009e73", "#d55e00", "#0072b2"
-OUTLINE = "#d4201f"
-_MARGIN = 0.06  # m around the table
+ROUND = np.linspace(0.0, 2.0 * np.pi, 33)[
+    :-1
+]  # rad, corners of the polygon that stands for a circle
 _DPI = 100  # dots per inch of figures turned into pixels
-_LABELLED = 24  # objects up to which each has its name written below it
-_THIN = 0.4  # of the line width where there are more
-_ROUND = np.linspace(0.0, 2.0 * np.pi, 33)[:-1]
+_BOTTOM = 0.48  # inches below the axes, for the labels
 
 Polygon = Float[np.ndarray, "_ 2"]
 
 
-def topview_figure(
-    condition: SceneCondition,
-    poses: Float[np.ndarray, "agents 3"],
-    verdict: Verdict | None = None,
-    *,
-    size: tuple[float, float] = (6.0, 4.5),
-) -> Figure:
-    """The scene from above as a matplotlib figure.
+def topview_axes(size: tuple[float, float], *, left: float, rest: float) -> tuple[Figure, Axes]:
+    """A figure that belongs to no window, with one set of axes.
 
     Args:
-        condition: Objects, requirements and table.
-        poses: x, y (m) and theta (rad) of each object.
-        verdict: Decides what is red; exact geometry is asked if it is not given.
         size: Width and height, inches.
-
-    Returns:
-        A figure that belongs to no window; save it by `figure.savefig("scene.pdf")`.
+        left: Beside the axes, for the labels, inches.
+        rest: Above the axes and to the right, inches.
     """
-    rows = checked_poses(condition, poses)
-    verdict = judge([condition], [rows])[0] if verdict is None else verdict
     figure = Figure(figsize=size, dpi=_DPI)
-    left, bottom, rest = 0.70, 0.48, 0.08  # inches around the axes, for the labels
-    width, height = size[0] - left - rest, size[1] - bottom - rest
-    axes = figure.add_axes(
-        (left / size[0], bottom / size[1], max(width, 0.1) / size[0], max(height, 0.1) / size[1])
-    )
-    _draw_table(axes, condition)
-    marks, few = marks_of(verdict), len(condition.objects) <= _LABELLED
-    thick = 1.0 if few else _THIN
-    for i, name in enumerate(condition.objects):
-        _draw_regions(axes, condition, i, name, rows[i], marks, thick)
-    for i, name in enumerate(condition.objects):
-        _draw_object(axes, type_name(name), rows[i], i in marks.outlined, thick)
-        if few:
-            _write_name(axes, name, rows[i])
-    if condition.balance is not None:
-        _draw_balance(axes, condition.balance, centre_of_mass(condition, rows), marks.unbalanced)
-    return figure
+    width, height = max(size[0] - left - rest, 0.1), max(size[1] - _BOTTOM - rest, 0.1)
+    place = (left / size[0], _BOTTOM / size[1], width / size[0], height / size[1])
+    return figure, figure.add_axes(place)
 
 
-def topview_image(
-    condition: SceneCondition,
-    poses: Float[np.ndarray, "agents 3"],
-    verdict: Verdict | None,
-    width: int,
-    height: int,
-) -> UInt8[np.ndarray, "height width 3"]:
-    """The scene from above in pixels."""
-    size = (width / _DPI, height / _DPI)
-    canvas = FigureCanvasAgg(topview_figure(condition, poses, verdict, size=size))
-    canvas.draw()
-    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
-
-
-def _draw_table(axes: Axes, condition: SceneCondition) -> None:
-    half_x, half_y = condition.width / 2, condition.depth / 2
-    corners = np.array([[-half_x, -half_y], [half_x, -half_y], [half_x, half_y], [-half_x, half_y]])
-    _draw(axes, [corners], 0.0, facecolors="#f6f2ea", edgecolors="#8c8172", linewidths=1.2)
-    axes.set_xlim(-half_x - _MARGIN, half_x + _MARGIN)
-    axes.set_ylim(-half_y - _MARGIN, half_y + _MARGIN)
+def set_extent(axes: Axes, x: tuple[float, float], y: tuple[float, float]) -> None:
+    """Axes in metres, to scale, without a frame, that show what lies between the ends."""
+    axes.set_xlim(*x)
+    axes.set_ylim(*y)
     axes.set_aspect("equal")
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
@@ -101,112 +43,33 @@ def _draw_table(axes: Axes, condition: SceneCondition) -> None:
     axes.spines[:].set_visible(False)
 
 
-def _draw_regions(
-    axes: Axes,
-    condition: SceneCondition,
-    owner: int,
-    name: str,
-    pose: Float[np.ndarray, " 3"],
-    marks: Marks,
-    thick: float,
-) -> None:
-    for k, disc in enumerate(discs_of(condition, name)):
-        centre = tuple(_placed(np.array([[disc.x, disc.y]]), pose)[0])
-        blocked = (owner, k) in marks.blocked
-        colour = BLOCKED if blocked else FREE
-        fill = Circle(centre, disc.radius, facecolor=colour, alpha=0.22, zorder=1)
-        edge = Circle(
-            centre, disc.radius, fill=False, edgecolor=colour, linewidth=1.4 * thick, zorder=1.5
-        )
-        if blocked:
-            edge.set(linestyle=(0, (3, 1.6)), hatch="////")
-        for patch in (fill, edge):
-            patch.set_clip_on(False)
-            axes.add_patch(patch)
+def figure_size(width: int, height: int) -> tuple[float, float]:
+    """Inches of a figure of so many pixels."""
+    return width / _DPI, height / _DPI
 
 
-def _draw_balance(
-    axes: Axes, balance: Balance, centre: Float[np.ndarray, " 2"], unbalanced: bool
-) -> None:
-    """The circle for the centre of mass, and a cross where it lies."""
-    colour = BLOCKED if unbalanced else BALANCE
-    style = (0, (3, 1.6)) if unbalanced else "solid"
-    circle = Circle(
-        (balance.x, balance.y), balance.radius, fill=False, edgecolor=colour, zorder=4.5
-    )
-    circle.set(linewidth=1.6, linestyle=style, clip_on=False)
-    axes.add_patch(circle)
-    axes.plot(
-        *centre,
-        marker="+",
-        color=colour,
-        markersize=9,
-        markeredgewidth=2.0,
-        zorder=4.6,
-        clip_on=False,
-    )
+def pixels(figure: Figure) -> UInt8[np.ndarray, "height width 3"]:
+    """The figure as an array."""
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
-def _draw_object(
-    axes: Axes, name: str, pose: Float[np.ndarray, " 3"], outlined: bool, thick: float
-) -> None:
-    outlines = [_placed(part, pose) for part in _footprints(name)]
-    if outlined:
-        _draw(axes, outlines, 2.0, facecolors="none", edgecolors=OUTLINE, linewidths=6.0 * thick)
-    _draw(axes, outlines, 2.1, facecolors="#ddd5c6", edgecolors="#6b6257", linewidths=0.8 * thick)
-    parts = [_placed(part, pose) for part, _ in _silhouettes(name)]
-    colours = [colour for _, colour in _silhouettes(name)]
-    _draw(axes, parts, 2.2, facecolors=colours, edgecolors="face", linewidths=0.2)
-
-
-def _write_name(axes: Axes, name: str, pose: Float[np.ndarray, " 3"]) -> None:
-    outlines = [_placed(part, pose) for part in _footprints(type_name(name))]
-    label = axes.text(
-        float(pose[0]),
-        min(float(part[:, 1].min()) for part in outlines) - 0.004,
-        name.replace("_", " "),
-        ha="center",
-        va="top",
-        fontsize=7,
-        zorder=4,
-    )
-    label.set_path_effects([withStroke(linewidth=2, foreground="white")])
-
-
-def _draw(axes: Axes, polygons: list[Polygon], zorder: float, **style: Any) -> None:
-    """Polygons in matplotlib's `style`; what lies beyond the axes is drawn too."""
-    axes.add_collection(PolyCollection(polygons, zorder=zorder, clip_on=False, **style))
-
-
-def _placed(points: Polygon, pose: Float[np.ndarray, " 3"]) -> Polygon:
+def placed(points: Polygon, pose: Float[np.ndarray, " 3"]) -> Polygon:
+    """Points of a body frame in the world, for a body's pose (m, m, rad)."""
     cos, sin = np.cos(pose[2]), np.sin(pose[2])
     return points @ np.array([[cos, sin], [-sin, cos]]) + pose[:2]
 
 
-@cache
-def _footprints(name: str) -> list[Polygon]:
-    """Outlines of the library's shapes, in the body frame."""
-    outlines = []
-    for part in object_type(name).primitives:
-        core = np.array([part.half_x - part.corner, part.half_y - part.corner])
-        around = np.stack([np.cos(_ROUND + 1e-9), np.sin(_ROUND + 1e-9)], axis=-1)
-        outlines.append(np.sign(around) * core + part.corner * around + [part.x, part.y])
-    return outlines
-
-
-@cache
-def _silhouettes(name: str) -> list[tuple[Polygon, Colour]]:
-    """What is seen of each solid from above; they are listed from the bottom up."""
-    drawn = []
-    for solid in solids_of(name):
-        points = _surface(solid)[:, :2]
-        drawn.append((points[ConvexHull(points).vertices], solid.colour))
-    return drawn
+def silhouette(solid: Solid) -> Float[np.ndarray, "corners 2"]:
+    """The solid's outline seen from above, as a polygon."""
+    points = _surface(solid)[:, :2]
+    return points[ConvexHull(points).vertices]
 
 
 def _surface(solid: Solid) -> Float[np.ndarray, "points 3"]:
     """Points whose convex hull is the solid (up to the polygon that stands for a circle)."""
-    circle = np.stack([np.cos(_ROUND), np.sin(_ROUND), np.zeros_like(_ROUND)], axis=-1)
+    circle = np.stack([np.cos(ROUND), np.sin(ROUND), np.zeros_like(ROUND)], axis=-1)
     tilts = np.linspace(-np.pi / 2, np.pi / 2, 9)[:, None, None]
     up = np.array([0.0, 0.0, 1.0])
     sphere = (np.cos(tilts) * circle + np.sin(tilts) * up).reshape(-1, 3)

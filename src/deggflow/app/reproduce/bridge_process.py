@@ -15,8 +15,10 @@ from deggflow.tasks.bridge.requirements import PROGRESS, bridge_guidance
 from deggflow.tasks.bridge.scenes import random_conditions
 from deggflow.tasks.bridge.trial import Trial
 from deggflow.tasks.bridge.world import DT, EXECUTED
-from deggflow.view.bridge import BoundPanel, bounds_figure, picture, picture_column
+from deggflow.view.bounds import BoundPanel, bounds_figure
+from deggflow.view.bridge import picture
 from deggflow.view.bridge.pictures import telling_ticks
+from deggflow.view.sheet import picture_column
 
 from .experiment import UNMET, DataTable, Finding, Plot, Progress, Section, Settings
 
@@ -244,4 +246,8 @@ def task_figure(rows: Sequence[Mapping[str, Any]]) -> "Figure":
         )
         for row in rows
     ]
-    return bounds_figure(panels, ylabel=r"$q_\mathrm{task}$, shifted by $\beta_\mathrm{task}(1)$")
+    return bounds_figure(
+        panels,
+        name=r"$q_\mathrm{task}$",
+        ylabel=r"$q_\mathrm{task}$, shifted by $\beta_\mathrm{task}(1)$",
+    )

@@ -10,7 +10,8 @@ from deggflow.tasks.bridge.factors import PLANK_BUFFER
 from deggflow.tasks.bridge.field import load_field
 from deggflow.tasks.bridge.formats import parse_trial
 from deggflow.tasks.bridge.world import DT
-from deggflow.view.bridge import BoundPanel, bounds_figure, picture
+from deggflow.view.bounds import BoundPanel, bounds_figure
+from deggflow.view.bridge import picture
 from deggflow.view.sheet import picture_row
 
 from .bridge_search import measure_rescue

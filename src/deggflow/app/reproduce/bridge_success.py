@@ -8,7 +8,7 @@ from deggflow.statistics import Rate
 from deggflow.tasks.bridge.evaluate import KINDS, Evaluation, evaluate
 from deggflow.tasks.bridge.field import BridgeField, load_field
 from deggflow.tasks.bridge.generator import MAX_DRAWS
-from deggflow.view.bridge import SuccessBars, success_bars
+from deggflow.view.rates import SuccessBars, success_bars
 from deggflow.view.style import GUIDED, NOMINAL
 
 from .experiment import UNMET, DataTable, Finding, Plot, Progress, Section, Settings
@@ -233,4 +233,9 @@ def _figure(rows: Sequence[Evaluation]) -> Any:
             SuccessBars(f"{name} (paper)", colour, quoted, quoted=True),
             SuccessBars(f"{name} (ours)", colour, ours),
         ]
-    return success_bars([size_title(row.size) for row in rows], bars)
+    return success_bars(
+        [size_title(row.size) for row in rows],
+        bars,
+        xlabel="number of robots $N$",
+        ylabel="trials that bridge the gap (%)",
+    )

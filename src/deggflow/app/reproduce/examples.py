@@ -13,8 +13,8 @@ from deggflow.tasks.tabletop.generator import TabletopGenerator
 from deggflow.tasks.tabletop.requirements import tabletop_guidance
 from deggflow.tasks.tabletop.verdict import BUFFER, Breach, Kind, Poses, Verdict, judge
 from deggflow.view.evolution import LEAST, ViolationCurves, draw_violations
-from deggflow.view.picture import render
 from deggflow.view.sheet import picture_row
+from deggflow.view.tabletop import render
 
 from .evolution import final, first_pair, in_words
 from .experiment import DataTable, Experiment, Finding, Plot, Progress, Section, Settings

@@ -4,8 +4,7 @@ World frame: that of the task, z = 0 on the ground; m and rad.
 """
 
 import math
-from collections.abc import Iterable
-from xml.etree.ElementTree import Element, SubElement, indent, tostring
+from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 from jaxtyping import Float
@@ -19,7 +18,17 @@ from deggflow.tasks.bridge.world import (
     Y_MAX,
     Y_MIN,
 )
-from deggflow.view.solids import Solid, frustum_corners
+from deggflow.view.mjcf import (
+    add_camera,
+    add_frustum_meshes,
+    add_light,
+    add_solid,
+    mesh_name,
+    model_text,
+    new_model,
+    numbers,
+    yaw_quaternion,
+)
 
 from .moment import PIT_DEPTH
 from .parts import (
@@ -64,37 +73,23 @@ def bridge_mjcf(
     Returns:
         Mocap bodies "plank" and "robot_1", ...; cameras "studio" and "top".
     """
-    root = Element("mujoco", model="bridge")
-    assets = _add_settings(root)
-    world = SubElement(root, "worldbody")
+    model = new_model(
+        "bridge", extent=(X_MAX - X_MIN) / 2, size=(1920, 1080), fovy=_FOVY, stacks=16
+    )
+    SubElement(model.visual, "map", znear="0.1")
+    SubElement(model.default, "geom", contype="0", conaffinity="0")  # nothing touches anything
+    _add_meshes(model.assets)
+    world = model.world
+    add_light(world, (-2.0, -4.0, 9.0), specular=0.0)
     _add_camera(world, "studio", _ELEVATION, _AZIMUTH, _FOVY, aspect)
     _add_camera(world, "top", math.pi / 2, 0.0, _TOP_FOVY, aspect)
     for solid in surroundings():
-        _add_solid(world, solid)
+        add_solid(world, solid)
     _add_goals(world, robot_goals, plank_goal)
     _add_plank(world)
     for i in range(len(robot_goals)):
         _add_robot(world, i)
-    _add_meshes(assets)
-    indent(root)
-    return tostring(root, encoding="unicode") + "\n"
-
-
-def _add_settings(root: Element) -> Element:
-    """Camera and light settings, a class of geoms that touch nothing; returns the list of assets."""
-    SubElement(root, "compiler", angle="radian")
-    SubElement(root, "statistic", center="0 0 0", extent=_numbers([(X_MAX - X_MIN) / 2]))
-    visual = SubElement(root, "visual")
-    SubElement(visual, "global", offwidth="1920", offheight="1080")
-    SubElement(visual, "map", znear="0.1")
-    SubElement(visual, "quality", offsamples="4", shadowsize="0", numslices="40", numquads="1")
-    soft = {"ambient": "0.46 0.46 0.46", "diffuse": "0.2 0.2 0.2", "specular": "0 0 0"}
-    SubElement(visual, "headlight", soft)
-    SubElement(SubElement(root, "default"), "geom", contype="0", conaffinity="0")
-    assets = SubElement(root, "asset")
-    white = {"builtin": "flat", "rgb1": "1 1 1", "rgb2": "1 1 1", "width": "8", "height": "8"}
-    SubElement(assets, "texture", {"name": "backdrop", "type": "skybox", **white})
-    return assets
+    return model_text(model)
 
 
 def _add_camera(
@@ -115,73 +110,51 @@ def _add_camera(
     highest, lowest = (upward + tall * back).max(), (-upward + tall * back).max()
     distance = max((rightmost + leftmost) / (2 * wide), (highest + lowest) / (2 * tall))
     place = np.array([(rightmost - leftmost) / 2, (highest - lowest) / 2, distance]) @ axes
-    camera = SubElement(world, "camera", name=name, pos=_numbers(place), fovy=_numbers([fovy]))
-    camera.set("xyaxes", _numbers([*right, *up]))
-    if name == "studio":
-        light = {"directional": "true", "pos": "-2 -4 9", "dir": "0.35 0.40 -0.85"}
-        shine = {"diffuse": "0.42 0.42 0.42", "specular": "0 0 0", "castshadow": "false"}
-        SubElement(world, "light", {**light, **shine})
+    add_camera(world, name, place, right, up, fovy)
 
 
 def _add_goals(
     world: Element, robots: Float[np.ndarray, "robots 2"], pose: Float[np.ndarray, " 3"]
 ) -> None:
     for i, (x, y) in enumerate(robots):
-        look = {"type": "mesh", "mesh": "goal_ring", "rgba": _numbers([*accent(i), 1.0])}
-        SubElement(world, "geom", {"name": f"goal_{i + 1}", "pos": _numbers([x, y, 0.0]), **look})
+        look = {"type": "mesh", "mesh": "goal_ring", "rgba": numbers([*accent(i), 1.0])}
+        SubElement(world, "geom", {"name": f"goal_{i + 1}", "pos": numbers([x, y, 0.0]), **look})
     frame = SubElement(
         world,
         "body",
         name="plank_goal",
-        pos=_numbers([pose[0], pose[1], 0.0]),
-        quat=_numbers([math.cos(pose[2] / 2), 0.0, 0.0, math.sin(pose[2] / 2)]),
+        pos=numbers([pose[0], pose[1], 0.0]),
+        quat=numbers(yaw_quaternion(pose[2])),
     )
     for solid in plank_outline():
-        _add_solid(frame, solid).set("rgba", _numbers([*solid.colour, 0.75]))
+        add_solid(frame, solid).set("rgba", numbers([*solid.colour, 0.75]))
 
 
 def _add_plank(world: Element) -> None:
     body = SubElement(world, "body", name=PLANK, mocap="true")
     size = PLANK_LENGTH / 2 + _FRINGE, PLANK_WIDTH / 2 + _FRINGE, 0.00125
-    shadow = {"type": "box", "size": _numbers(size), "pos": _numbers([0.0, 0.0, size[2]])}
-    SubElement(body, "geom", {"rgba": _numbers(_SHADOW), **shadow})
+    shadow = {"type": "box", "size": numbers(size), "pos": numbers([0.0, 0.0, size[2]])}
+    SubElement(body, "geom", {"rgba": numbers(_SHADOW), **shadow})
     for solid in plank():
-        _add_solid(body, solid)
+        add_solid(body, solid)
 
 
 def _add_robot(world: Element, index: int) -> None:
     body = SubElement(world, "body", name=robot_name(index), mocap="true")
-    shadow = {"type": "cylinder", "size": _numbers([1.12 * ROBOT_RADIUS, 0.0015])}
-    place = _numbers([0.035, 0.03, 0.0025])
-    SubElement(body, "geom", {"pos": place, "rgba": _numbers(_SHADOW), **shadow})
+    shadow = {"type": "cylinder", "size": numbers([1.12 * ROBOT_RADIUS, 0.0015])}
+    place = numbers([0.035, 0.03, 0.0025])
+    SubElement(body, "geom", {"pos": place, "rgba": numbers(_SHADOW), **shadow})
     for k, solid in enumerate(robot(accent(index))):
-        _add_solid(body, solid, mesh=f"robot_mesh_{k + 1}")
+        add_solid(body, solid, mesh=mesh_name("robot", k))
 
 
 def _add_meshes(assets: Element) -> None:
-    """All robots have one shape; MJCF knows neither cut-off cones nor rings."""
-    for k, solid in enumerate(robot(accent(0))):
-        if solid.shape == "frustum":
-            vertex = _numbers(frustum_corners(solid).ravel())
-            SubElement(assets, "mesh", name=f"robot_mesh_{k + 1}", vertex=vertex)
+    """All robots have one shape, and all goals."""
+    add_frustum_meshes(assets, "robot", robot(accent(0)))
     corners, faces = ring_mesh(0.95 * ROBOT_RADIUS, 1.4 * ROBOT_RADIUS, 0.002)
     triangles = " ".join(str(corner) for corner in faces.ravel())
-    SubElement(assets, "mesh", name="goal_ring", vertex=_numbers(corners.ravel()), face=triangles)
-
-
-def _add_solid(body: Element, solid: Solid, *, mesh: str = "") -> Element:
-    geom = SubElement(body, "geom", pos=_numbers(solid.at), rgba=_numbers([*solid.colour, 1.0]))
-    if solid.shape == "frustum":
-        geom.attrib.update(type="mesh", mesh=mesh)
-    else:
-        geom.attrib.update(type=solid.shape, size=_numbers(solid.size))
-    return geom
+    SubElement(assets, "mesh", name="goal_ring", vertex=numbers(corners.ravel()), face=triangles)
 
 
 def _sin_cos(angle: float) -> tuple[float, float]:
     return math.sin(angle), math.cos(angle)
-
-
-def _numbers(values: Iterable[float]) -> str:
-    """Numbers of an attribute, rounded to 1e-5 (adding 0 turns -0 into 0)."""
-    return " ".join(f"{round(float(v), 5) + 0.0:.5f}".rstrip("0").rstrip(".") for v in values)

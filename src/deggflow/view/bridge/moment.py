@@ -24,10 +24,17 @@ _RAMP = 0.1  # m before the plank's edge over which a robot rises onto it
 
 
 class Moment(NamedTuple):
-    """Where plank and robots are drawn, and which of them are red."""
+    """Where plank and robots are drawn, and which of them are red.
 
-    plank: Float[np.ndarray, " 3"]  # x, y in m, theta in rad
-    robots: Float[np.ndarray, "robots 3"]  # m; z of the underside, 0 on the ground
+    Attributes:
+        plank: x, y (m) and theta (rad).
+        robots: x, y and z of the underside, 0 on the ground, m.
+        red_plank: Whether the plank is red.
+        red_robots: Which robots are red.
+    """
+
+    plank: Float[np.ndarray, " 3"]
+    robots: Float[np.ndarray, "robots 3"]
     red_plank: bool
     red_robots: Bool[np.ndarray, " robots"]
 
@@ -72,10 +79,10 @@ def _standing(
 ) -> Float[np.ndarray, "robots 3"]:
     """Undersides; in the pit, a robot stands clear of the walls."""
     part = np.clip(1.0 - away / _RAMP, 0.0, 1.0)
-    risen = THICKNESS * part**2 * (3.0 - 2.0 * part)
+    height = THICKNESS * part**2 * (3.0 - 2.0 * part)
     clear = np.clip(robots[:, 0], GAP_LEFT + ROBOT_RADIUS, GAP_RIGHT - ROBOT_RADIUS)
     x = np.where(fallen, clear, robots[:, 0])
-    return np.column_stack([x, robots[:, 1], np.where(fallen, -PIT_DEPTH, risen)])
+    return np.column_stack([x, robots[:, 1], np.where(fallen, -PIT_DEPTH, height)])
 
 
 def _distances_to_plank(

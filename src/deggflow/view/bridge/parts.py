@@ -17,7 +17,8 @@ from deggflow.tasks.bridge.world import (
     Y_MAX,
     Y_MIN,
 )
-from deggflow.view.solids import Colour, Solid, box, drum, rgb, turned
+from deggflow.view.colours import Colour, blend, rgb
+from deggflow.view.solids import Solid, box_between, drum, turned
 
 from .moment import PIT_DEPTH, THICKNESS
 
@@ -25,13 +26,13 @@ MARGIN_X, MARGIN_Y = 0.35, 0.6  # m of ground drawn beyond the workspace
 # After Okabe and Ito (2008) and Tol (2021), told apart by colour-blind readers; without their reds,
 # which stand for failure here.
 ACCENTS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#6a4c93", "#b5a642", "#4d4d4d")
-RED = rgb("#d4201f")
+WOOD, DARK_WOOD = "#c4935a", "#8a6238"
 
 _SHEET, _SIDE = rgb("#eceae4"), rgb("#cdc7ba")
 _OUTER = rgb("#e0dcd2")  # ground beyond the workspace
 _LINE, _BORDER = rgb("#dedbd3"), rgb("#8f8878")
 _PIT_TOP, _PIT_FLOOR = rgb("#b3a896"), rgb("#4a453f")
-_WOOD, _DARK_WOOD, _SEAM = rgb("#c4935a"), rgb("#8a6238"), rgb("#a67843")
+_WOOD, _DARK_WOOD, _SEAM = rgb(WOOD), rgb(DARK_WOOD), rgb("#a67843")
 _DARK, _WHITE = rgb("#2b2f36"), rgb("#f7f6f2")
 _LIP, _STRATA = 0.03, 6  # m, thickness of the ground's upper sheet; shades of the pit's walls
 _RING_EDGES = 48
@@ -40,12 +41,6 @@ _RING_EDGES = 48
 def accent(robot: int) -> Colour:
     """Colour of a robot and of its goal; robots are counted from 0."""
     return rgb(ACCENTS[robot % len(ACCENTS)])
-
-
-def blend(one: Colour, other: Colour, part: float) -> Colour:
-    """A colour between two, `part` of the way to the other."""
-    red, green, blue = (a + part * (b - a) for a, b in zip(one, other, strict=True))
-    return red, green, blue
 
 
 @cache
@@ -63,36 +58,36 @@ def surroundings() -> tuple[Solid, ...]:
 def _ground(x0: float, x1: float) -> list[Solid]:
     half_y = (Y_MAX - Y_MIN) / 2 + MARGIN_Y
     out = [
-        _slab((x0, x1), (-half_y, half_y), (-_LIP, 0.0), _OUTER),
-        _slab((x0, x1), (-half_y, half_y), (-PIT_DEPTH - _LIP, -_LIP), _SIDE),
+        box_between((x0, x1), (-half_y, half_y), (-_LIP, 0.0), _OUTER),
+        box_between((x0, x1), (-half_y, half_y), (-PIT_DEPTH - _LIP, -_LIP), _SIDE),
     ]
     inner = max(x0, X_MIN), min(x1, X_MAX)
-    return [*out, _slab(inner, (Y_MIN, Y_MAX), (0.0, 0.0005), _SHEET)]
+    return [*out, box_between(inner, (Y_MIN, Y_MAX), (0.0, 0.0005), _SHEET)]
 
 
 def _markings(x0: float, x1: float) -> list[Solid]:
     """Grid lines a metre apart, and the workspace's border, which ends at the gap."""
     fine, wide = 0.011, 0.018  # half widths
     out = [
-        _slab((x - fine, x + fine), (Y_MIN, Y_MAX), (0.0, 0.001), _LINE)
+        box_between((x - fine, x + fine), (Y_MIN, Y_MAX), (0.0, 0.001), _LINE)
         for x in range(math.ceil(x0), math.floor(x1) + 1)
         if x0 < x < x1
     ]
     out += [
-        _slab((x0, x1), (y - fine, y + fine), (0.0, 0.001), _LINE)
+        box_between((x0, x1), (y - fine, y + fine), (0.0, 0.001), _LINE)
         for y in range(math.ceil(Y_MIN) + 1, math.floor(Y_MAX))
     ]
     for y in (Y_MIN, Y_MAX):
-        out.append(_slab((x0, x1), (y - wide, y + wide), (0.0, 0.0015), _BORDER))
+        out.append(box_between((x0, x1), (y - wide, y + wide), (0.0, 0.0015), _BORDER))
     for x in {x0, x1} & {X_MIN, X_MAX}:
-        out.append(_slab((x - wide, x + wide), (Y_MIN, Y_MAX), (0.0, 0.0015), _BORDER))
+        out.append(box_between((x - wide, x + wide), (Y_MIN, Y_MAX), (0.0, 0.0015), _BORDER))
     return out
 
 
 def _pit() -> list[Solid]:
     """A dark floor, and walls that darken downwards; open towards the viewer."""
     half_y, sheet = (Y_MAX - Y_MIN) / 2 + MARGIN_Y, 0.004
-    floor = _slab(
+    floor = box_between(
         (GAP_LEFT, GAP_RIGHT), (-half_y, half_y), (-PIT_DEPTH - _LIP, -PIT_DEPTH), _PIT_FLOOR
     )
     out = [floor]
@@ -100,8 +95,8 @@ def _pit() -> list[Solid]:
         heights = (-PIT_DEPTH * (k + 1) / _STRATA, -PIT_DEPTH * k / _STRATA - _LIP * (k == 0))
         colour = blend(_PIT_TOP, _PIT_FLOOR, (k + 0.5) / _STRATA)
         for x in (GAP_LEFT, GAP_RIGHT - sheet):
-            out.append(_slab((x, x + sheet), (-half_y, half_y), heights, colour))
-        out.append(_slab((GAP_LEFT, GAP_RIGHT), (half_y - sheet, half_y), heights, colour))
+            out.append(box_between((x, x + sheet), (-half_y, half_y), heights, colour))
+        out.append(box_between((GAP_LEFT, GAP_RIGHT), (half_y - sheet, half_y), heights, colour))
     return out
 
 
@@ -109,13 +104,13 @@ def _pit() -> list[Solid]:
 def plank() -> tuple[Solid, ...]:
     """Three boards between two caps, about the plank's centre."""
     half_x, half_y, cap = PLANK_LENGTH / 2, PLANK_WIDTH / 2, 0.07
-    out = [_slab((-half_x, half_x), (-half_y, half_y), (0.0, THICKNESS - 0.004), _DARK_WOOD)]
+    out = [box_between((-half_x, half_x), (-half_y, half_y), (0.0, THICKNESS - 0.004), _DARK_WOOD)]
     board, seam = PLANK_WIDTH / 3, 0.008
     for k in range(3):
         low = -half_y + k * board
         colour = blend(_WOOD, _DARK_WOOD, (0.0, 0.14, 0.05)[k])
         out.append(
-            _slab(
+            box_between(
                 (-half_x + cap, half_x - cap),
                 (low + seam * (k > 0), low + board),
                 (THICKNESS - 0.004, THICKNESS),
@@ -123,7 +118,9 @@ def plank() -> tuple[Solid, ...]:
             )
         )
     for x in (-half_x, half_x - cap):
-        out.append(_slab((x, x + cap), (-half_y, half_y), (THICKNESS - 0.004, THICKNESS), _SEAM))
+        out.append(
+            box_between((x, x + cap), (-half_y, half_y), (THICKNESS - 0.004, THICKNESS), _SEAM)
+        )
     return tuple(out)
 
 
@@ -131,10 +128,11 @@ def plank_outline() -> list[Solid]:
     """A frame around the plank's footprint, for its goal pose."""
     half_x, half_y, wire, top = PLANK_LENGTH / 2, PLANK_WIDTH / 2, 0.035, 0.002
     out = [
-        _slab((-half_x, half_x), (y, y + wire), (0.0, top), _WOOD) for y in (-half_y, half_y - wire)
+        box_between((-half_x, half_x), (y, y + wire), (0.0, top), _WOOD)
+        for y in (-half_y, half_y - wire)
     ]
     out += [
-        _slab((x, x + wire), (-half_y + wire, half_y - wire), (0.0, top), _WOOD)
+        box_between((x, x + wire), (-half_y + wire, half_y - wire), (0.0, top), _WOOD)
         for x in (-half_x, half_x - wire)
     ]
     return out
@@ -170,11 +168,3 @@ def ring_mesh(
         faces.append(np.column_stack([here + low, following + low, following + high]))
         faces.append(np.column_stack([here + low, following + high, here + high]))
     return corners, np.concatenate(faces)
-
-
-def _slab(
-    x: tuple[float, float], y: tuple[float, float], z: tuple[float, float], colour: Colour
-) -> Solid:
-    """A box given by its ends along each axis."""
-    half = (x[1] - x[0]) / 2, (y[1] - y[0]) / 2, (z[1] - z[0]) / 2
-    return box(half, ((x[0] + x[1]) / 2, (y[0] + y[1]) / 2, (z[0] + z[1]) / 2), colour)

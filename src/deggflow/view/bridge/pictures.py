@@ -8,12 +8,13 @@ from jaxtyping import UInt8
 
 from deggflow.tasks.bridge.process import TICK, Process
 from deggflow.tasks.bridge.world import GAP_LEFT, GAP_RIGHT
-from deggflow.view.picture import GREY, OVERSAMPLING, panels
-from deggflow.view.stage import Camera, RendererName
+from deggflow.view.picture import GREY, Ink, panels
+from deggflow.view.stage import OVERSAMPLING, Camera, RendererName
 
-from .stage import open_stage
+from .moment import moment_of
+from .stage import bridge_stage
 
-FAULT_INK = (190, 30, 25)
+FAULT_INK: Ink = (190, 30, 25)
 
 TITLES = ("nominal", "guided")
 
@@ -63,10 +64,10 @@ def snapshots(
     Raises:
         ValueError: If there is nothing to show.
     """
-    shown = telling_ticks(process) if ticks is None else ticks
-    if len(shown) == 0:
+    moments = telling_ticks(process) if ticks is None else ticks
+    if len(moments) == 0:
         raise ValueError("`ticks` must name at least one moment; got none.")
-    images = _pictures(process, shown, width, height, camera, renderer)
+    images = _pictures(process, moments, width, height, camera, renderer)
     gap = np.full((max(height // 60, 2), width, 3), 255, np.uint8)
     return np.concatenate([part for image in images for part in (gap, image)][1:])
 
@@ -96,14 +97,16 @@ def compare(
     """
     sides = (left, right)
     ends = [last_of_building(process) for process in sides]
-    told = [_outcome(process, end) for process, end in zip(sides, ends, strict=True)]
     images = [
         _pictures(process, [end], width, height, camera, renderer)[0]
         for process, end in zip(sides, ends, strict=True)
     ]
-    failed = [_failed_at(process, end) for process, end in zip(sides, ends, strict=True)]
-    inks = [FAULT_INK if bad else GREY for bad in failed]
-    return panels(images, titles=titles, captions=captions or told, inks=inks)
+    outcomes = [_outcome(process, end) for process, end in zip(sides, ends, strict=True)]
+    inks = [
+        FAULT_INK if _failed_at(process, end) else GREY
+        for process, end in zip(sides, ends, strict=True)
+    ]
+    return panels(images, titles=titles, captions=captions or outcomes, inks=inks)
 
 
 def last_of_building(process: Process) -> int:
@@ -145,7 +148,7 @@ def _pictures(
     camera: Camera,
     renderer: RendererName,
 ) -> list[UInt8[np.ndarray, "height width 3"]]:
-    stage = open_stage(
+    stage = bridge_stage(
         process,
         width=width,
         height=height,
@@ -154,4 +157,4 @@ def _pictures(
         oversampling=OVERSAMPLING,
     )
     with closing(stage):
-        return [stage.picture(tick) for tick in ticks]
+        return [stage.picture(moment_of(process, tick)) for tick in ticks]

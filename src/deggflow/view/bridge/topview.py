@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, UInt8
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Annulus, Circle, Polygon, Rectangle
 
@@ -20,15 +19,14 @@ from deggflow.tasks.bridge.world import (
     Y_MAX,
     Y_MIN,
 )
+from deggflow.view.colours import FAULT
+from deggflow.view.topview import figure_size, pixels, placed, set_extent, topview_axes
 
 from .moment import THICKNESS, Moment
-from .parts import ACCENTS
+from .parts import ACCENTS, DARK_WOOD, WOOD
 
-RED = "#d4201f"
-WOOD, DARK_WOOD = "#c4935a", "#8a6238"
 _GROUND, _GRID, _PIT, _BORDER = "#f4f2ec", "#e2dfd6", "#57524b", "#8f8878"
 _MARGIN = 0.3  # m around the workspace
-_DPI = 100  # dots per inch of figures turned into pixels
 
 
 def topview_figure(
@@ -49,15 +47,11 @@ def topview_figure(
     Returns:
         A figure that belongs to no window; save it by `figure.savefig("bridge.pdf")`.
     """
-    figure = Figure(figsize=size, dpi=_DPI)
-    left, bottom, rest = 0.62, 0.48, 0.10  # inches around the axes, for the labels
-    width, height = max(size[0] - left - rest, 0.1), max(size[1] - bottom - rest, 0.1)
-    axes = figure.add_axes(
-        (left / size[0], bottom / size[1], width / size[0], height / size[1]), facecolor="none"
-    )
+    figure, axes = topview_axes(size, left=0.62, rest=0.10)
+    axes.set_facecolor("none")
     draw_world(axes)
     draw_plank(axes, plank_goal, fill=False, edgecolor=WOOD, linewidth=1.2, linestyle=(0, (4, 2)))
-    plank = (RED, "#7d1312") if moment.red_plank else (WOOD, DARK_WOOD)
+    plank = (FAULT, "#7d1312") if moment.red_plank else (WOOD, DARK_WOOD)
     draw_plank(axes, moment.plank, facecolor=plank[0], edgecolor=plank[1], linewidth=1.0, zorder=3)
     for i, goal in enumerate(robot_goals):
         _draw_goal(axes, i, goal)
@@ -74,10 +68,8 @@ def topview_image(
     height: int,
 ) -> UInt8[np.ndarray, "height width 3"]:
     """One moment from above in pixels."""
-    size = (width / _DPI, height / _DPI)
-    canvas = FigureCanvasAgg(topview_figure(moment, robot_goals, plank_goal, size=size))
-    canvas.draw()
-    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+    figure = topview_figure(moment, robot_goals, plank_goal, size=figure_size(width, height))
+    return pixels(figure)
 
 
 def draw_world(axes: Axes, *, pit: str = _PIT) -> None:
@@ -98,22 +90,15 @@ def draw_world(axes: Axes, *, pit: str = _PIT) -> None:
     axes.add_patch(
         Rectangle((GAP_LEFT, low), GAP_RIGHT - GAP_LEFT, height, facecolor=pit, zorder=0.6)
     )
-    axes.set_xlim(X_MIN - _MARGIN, X_MAX + _MARGIN)
-    axes.set_ylim(low, low + height)
-    axes.set_aspect("equal")
-    axes.set_xlabel("x (m)")
-    axes.set_ylabel("y (m)")
-    axes.tick_params(length=0, colors="#444444")
-    axes.spines[:].set_visible(False)
+    set_extent(axes, (X_MIN - _MARGIN, X_MAX + _MARGIN), (low, low + height))
 
 
 def draw_plank(axes: Axes, pose: Float[np.ndarray, " 3"], **style: Any) -> None:
     """The plank's rectangle, in matplotlib's style; what lies beyond the axes is drawn too."""
     half = np.array([PLANK_LENGTH, PLANK_WIDTH]) / 2
     corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * half
-    cos, sin = np.cos(pose[2]), np.sin(pose[2])
-    placed = corners @ np.array([[cos, sin], [-sin, cos]]) + pose[:2]
-    axes.add_patch(Polygon(placed, **{"closed": True, "clip_on": False, "zorder": 2, **style}))
+    patch = {"closed": True, "clip_on": False, "zorder": 2, **style}
+    axes.add_patch(Polygon(placed(corners, pose), **patch))
 
 
 def _draw_goal(axes: Axes, index: int, goal: Float[np.ndarray, " 2"]) -> None:
@@ -127,7 +112,7 @@ def _draw_goal(axes: Axes, index: int, goal: Float[np.ndarray, " 2"]) -> None:
 def _draw_robot(axes: Axes, index: int, robot: Float[np.ndarray, " 3"], red: bool) -> None:
     """A disk with a light deck; the rim is wide on the plank, and the disk faint in the pit."""
     x, y, z = (float(value) for value in robot)
-    colour = RED if red else ACCENTS[index % len(ACCENTS)]
+    colour = FAULT if red else ACCENTS[index % len(ACCENTS)]
     rim = 0.8 + 0.8 * max(z, 0.0) / THICKNESS
     disks = [
         Circle((x, y), ROBOT_RADIUS, facecolor=colour, edgecolor="#22252a", linewidth=rim),

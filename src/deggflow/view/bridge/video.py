@@ -10,27 +10,34 @@ from jaxtyping import UInt8
 from PIL import Image, ImageDraw
 
 from deggflow.files import StrPath
-from deggflow.tasks.bridge.process import TICK, Process, Stage
-from deggflow.view.picture import GREY, fitting, font, panels
-from deggflow.view.stage import Camera, RendererName
-from deggflow.view.video import encode
+from deggflow.tasks.bridge.process import TICK, Process
+from deggflow.tasks.bridge.process import Stage as ProcessStage
+from deggflow.view.picture import GREY, INK, fitting, font
+from deggflow.view.stage import VIDEO_OVERSAMPLING, Camera, RendererName, Stage
+from deggflow.view.video import BAR, even, frame, write_frames
 
+from .moment import Moment, moment_of
 from .pictures import FAULT_INK, TITLES
-from .stage import BridgeStage, open_stage
+from .stage import bridge_stage
 
-STAGE_LABELS: dict[Stage, str] = {
+STAGE_LABELS: dict[ProcessStage, str] = {
     "approach": "robots drive to the plank",
     "build": "building the bridge",
     "cross": "crossing",
 }
-_TRACK, _DONE = (214, 214, 214), (61, 111, 168)
+_TRACK = (214, 214, 214)
 
 
 class _Side(NamedTuple):
-    """One process and where its pictures are taken."""
+    """One process and where its pictures are taken.
+
+    Attributes:
+        process: The process.
+        stage: Open while the video is written.
+    """
 
     process: Process
-    stage: BridgeStage
+    stage: Stage[Moment]
 
 
 def write_process_video(
@@ -68,9 +75,16 @@ def write_process_video(
     with ExitStack() as opened:
         sides = []
         for each in processes:
-            stage = open_stage(each, width=width, height=height, camera=camera, renderer=renderer)
+            stage = bridge_stage(
+                each,
+                width=width,
+                height=height,
+                camera=camera,
+                renderer=renderer,
+                oversampling=VIDEO_OVERSAMPLING,
+            )
             sides.append(_Side(each, opened.enter_context(closing(stage))))
-        encode(path, _frames(sides, titles, on_frame), fps)
+        write_frames(path, _frames(sides, titles, on_frame), fps)
 
 
 def _frames(
@@ -79,8 +93,7 @@ def _frames(
     total = max(len(side.process.stage) for side in sides)
     columns = [_column(side, total) for side in sides]
     for done, images in enumerate(zip(*columns, strict=True), start=1):
-        whole = panels(images, titles=titles) if len(images) > 1 else images[0]
-        yield _even(whole)
+        yield even(frame(images, titles))
         if on_frame is not None:
             on_frame(done, total)
 
@@ -89,7 +102,7 @@ def _column(side: _Side, total: int) -> Iterator[UInt8[np.ndarray, "rows width 3
     """A process's pictures with the bar below, the last one repeated up to `total`."""
     for tick in range(total):
         if tick < len(side.process.stage):
-            picture = side.stage.picture(tick)
+            picture = side.stage.picture(moment_of(side.process, tick))
             image = np.concatenate([picture, _bar(side.process, tick, total, *picture.shape[:2])])
         yield image
 
@@ -102,7 +115,7 @@ def _bar(
     sheet = Image.new("RGB", (width, rows), "white")
     draw, size = ImageDraw.Draw(sheet), round(0.62 * rows)
     edge, middle = round(0.5 * rows), 0.40 * rows
-    draw.text((edge, middle), f"{tick * TICK:.1f} s", (25, 25, 25), font("regular", size), "lm")
+    draw.text((edge, middle), f"{tick * TICK:.1f} s", INK, font("regular", size), "lm")
     start = edge + round(font("regular", size).getlength("000.0 s")) + edge
     failed = process.failure is not None and tick == len(process.stage) - 1
     text = str(process.failure) if failed else STAGE_LABELS[process.stage[tick]]
@@ -126,15 +139,8 @@ def _draw_line(
     for _, stage in groupby(process.stage):
         after = first + len(list(stage))
         reach = min(max(tick + 1, first), after)
-        for end, colour in ((after, _TRACK), (reach, _DONE)):
+        for end, colour in ((after, _TRACK), (reach, BAR)):
             x0, x1 = left + scale * first, left + scale * end - 3
             if x1 > x0:
                 draw.line((x0, y, x1, y), colour, thickness)
         first = after
-
-
-def _even(image: UInt8[np.ndarray, "rows columns 3"]) -> UInt8[np.ndarray, "even_rows even 3"]:
-    """White added below and to the right, as H.264 needs even sides."""
-    rows, columns = image.shape[:2]
-    pad = ((0, rows % 2), (0, columns % 2), (0, 0))
-    return np.pad(image, pad, constant_values=255)

@@ -5,7 +5,7 @@ import pytest
 from matplotlib.patches import Circle
 
 from deggflow.tasks.tabletop.library import object_type
-from deggflow.view.topview import BLOCKED, FREE, topview_figure
+from deggflow.view.tabletop.topview import BLOCKED, FREE, topview_figure
 
 
 def edges(figure):

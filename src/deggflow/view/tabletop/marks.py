@@ -11,17 +11,29 @@ from deggflow.tasks.tabletop.verdict import Kind, Verdict
 
 
 class Marks(NamedTuple):
-    """What is drawn in red; everything else is free."""
+    """What is drawn in red; everything else is free.
 
-    blocked: frozenset[tuple[int, int]]  # (owner, region) of regions obstructed or over the edge
-    outlined: frozenset[int]  # objects that overlap another one or reach over the edge
-    unbalanced: bool = False  # the centre of mass lies outside its circle
+    Attributes:
+        blocked: (owner, region) of regions obstructed or over the edge.
+        outlined: Objects that overlap another one or reach over the edge.
+        unbalanced: Whether the centre of mass lies outside its circle.
+    """
+
+    blocked: frozenset[tuple[int, int]]
+    outlined: frozenset[int]
+    unbalanced: bool = False
 
 
 class Disc(NamedTuple):
-    """One affordance region as its user requires it, in the owner's body frame."""
+    """One affordance region as its user requires it, in the owner's body frame.
 
-    x: float  # m
+    Attributes:
+        x: Of its centre, m.
+        y: Of its centre, m.
+        radius: m.
+    """
+
+    x: float
     y: float
     radius: float
 

@@ -9,8 +9,8 @@ from functools import cache
 from itertools import pairwise
 
 from deggflow.tasks.tabletop.library import Primitive, object_type, type_name
-
-from .solids import Solid, ball, box, drum, rgb, ring, rod, rotation, slab, turned
+from deggflow.view.colours import Colour, rgb
+from deggflow.view.solids import Solid, ball, box, drum, ring, rod, rotation, rounded_slab, turned
 
 _WHITE, _PAPER = rgb("#f4f3ef"), rgb("#fbfaf5")
 _DARK, _BLACK = rgb("#3a3f47"), rgb("#22252a")
@@ -24,6 +24,14 @@ _YELLOW, _ORANGE, _PURPLE = rgb("#e9bc45"), rgb("#e0872c"), rgb("#6f5a9c")
 def solids_of(name: str) -> tuple[Solid, ...]:
     """The solids of one object by its library name, listed from the bottom up."""
     return tuple(_BUILDERS[type_name(name)]())
+
+
+def slab(
+    shape: Primitive, bottom: float, top: float, colour: Colour, grow: float = 0.0
+) -> list[Solid]:
+    """An upright slab over a footprint of the library, or `grow` beyond its outline."""
+    half, centre = (shape.half_x, shape.half_y), (shape.x, shape.y)
+    return rounded_slab(half, shape.corner, (bottom, top), colour, centre=centre, grow=grow)
 
 
 def _drawer_organizer() -> list[Solid]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from deggflow.view.stage import gl_problem
-from deggflow.view.video import write_video
+from deggflow.view.tabletop import write_video
 
 RENDERER = "matplotlib" if gl_problem() else "mujoco"
 SMALL = {"width": 160, "height": 120, "renderer": RENDERER}

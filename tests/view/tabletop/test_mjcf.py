@@ -12,7 +12,7 @@ from shapely.affinity import rotate, translate
 from deggflow.tasks.tabletop.condition import Affordance, SceneCondition
 from deggflow.tasks.tabletop.library import object_type
 from deggflow.tasks.tabletop.verdict import Kind, judge
-from deggflow.view.mjcf import scene_mjcf
+from deggflow.view.tabletop import scene_mjcf
 
 TOLERANCE = 1e-3  # m
 MARK_GROUP = 1  # of regions and outlines
@@ -122,13 +122,13 @@ def classes(text):
 
 def test_colours_follow_the_breaches(trio_blocked):
     condition, poses = trio_blocked
-    found = classes(scene_mjcf(condition, poses))
+    kinds = classes(scene_mjcf(condition, poses))
     breaches = {(b.kind, b.owner, b.other) for b in judge([condition], [poses])[0].breaches}
     assert (Kind.UNOBSTRUCTED, 0, 1) in breaches
     assert (Kind.SEPARATION, 1, 2) in breaches
-    assert found["laptop_region_1"] == "blocked"
-    assert found["handled_mug_region_1"] == "free"
-    outlined = {name.split("_outline")[0] for name, kind in found.items() if kind == "outline"}
+    assert kinds["laptop_region_1"] == "blocked"
+    assert kinds["handled_mug_region_1"] == "free"
+    outlined = {name.split("_outline")[0] for name, kind in kinds.items() if kind == "outline"}
     assert outlined == {"handled_mug", "pen_cup"}
 
 
@@ -136,15 +136,15 @@ def test_reaching_over_the_edge_is_red(trio):
     condition, poses = trio
     poses = poses.copy()
     poses[2] = 0.69, -0.2, 0.0
-    found = classes(scene_mjcf(condition, poses))
-    assert found["pen_cup_region_1"] == "blocked"
-    assert "pen_cup_outline_1" in found
-    assert found["laptop_region_1"] == "free"
+    kinds = classes(scene_mjcf(condition, poses))
+    assert kinds["pen_cup_region_1"] == "blocked"
+    assert "pen_cup_outline_1" in kinds
+    assert kinds["laptop_region_1"] == "free"
 
 
 def test_nothing_is_red_where_all_holds(trio):
-    found = classes(scene_mjcf(*trio))
-    assert set(found.values()) == {"free"}
+    kinds = classes(scene_mjcf(*trio))
+    assert set(kinds.values()) == {"free"}
 
 
 def test_a_verdict_given_is_the_one_shown(trio, trio_blocked):

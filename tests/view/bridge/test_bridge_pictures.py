@@ -18,7 +18,7 @@ from deggflow.view.bridge import compare, picture, snapshots, write_process_vide
 from deggflow.view.bridge.mjcf import bridge_mjcf
 from deggflow.view.bridge.moment import PIT_DEPTH, THICKNESS, moment_of
 from deggflow.view.bridge.pictures import telling_ticks
-from deggflow.view.bridge.stage import MujocoStage
+from deggflow.view.bridge.stage import BridgeModel, bridge_stage
 from deggflow.view.stage import gl_problem
 
 needs_gl = pytest.mark.skipif(gl_problem() is not None, reason="no OpenGL here")
@@ -108,14 +108,12 @@ def test_robots_that_push_stay_on_the_ground(process):
     assert not moment_of(process, 3).robots[:, 2].any()
 
 
-@needs_gl
 def test_the_models_bodies_follow_the_moment(process):
-    with closing(MujocoStage(process, 64, 36, "studio", 1)) as stage:
-        stage.place(moment_of(process, -1))
-        model = mujoco.MjModel.from_xml_string(bridge_mjcf(GOALS, process.plank_goal))
-        robots = [model.body(f"robot_{i + 1}").mocapid[0] for i in range(3)]
-        ground, bridge, _ = stage.data.mocap_pos[robots, 2]
-        np.testing.assert_allclose(stage.data.body("plank").xpos, [-0.1, 0.0, 0.0])
+    scene = BridgeModel(process, 16 / 9)
+    scene.place(moment_of(process, -1))
+    mujoco.mj_kinematics(scene.model, scene.data)
+    ground, bridge, _ = (scene.data.body(f"robot_{i + 1}").xpos[2] for i in range(3))
+    np.testing.assert_allclose(scene.data.body("plank").xpos, [-0.1, 0.0, 0.0])
     assert bridge == pytest.approx(ground + THICKNESS)
 
 
@@ -149,10 +147,13 @@ def test_the_same_moment_gives_the_same_pixels(process, camera):
 
 @needs_gl
 def test_a_stage_forgets_the_red_of_an_earlier_picture(failed):
-    with closing(MujocoStage(failed, 64, 36, "top", 1)) as stage:
-        before = stage.picture(0)
-        assert red(stage.picture(-1)) > red(before)
-        np.testing.assert_array_equal(stage.picture(0), before)
+    stage = bridge_stage(
+        failed, width=64, height=36, camera="top", renderer="mujoco", oversampling=1
+    )
+    with closing(stage):
+        before = stage.picture(moment_of(failed, 0))
+        assert red(stage.picture(moment_of(failed, -1))) > red(before)
+        np.testing.assert_array_equal(stage.picture(moment_of(failed, 0)), before)
 
 
 def test_snapshots_show_the_stages_there_are(process, failed):

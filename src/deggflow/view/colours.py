@@ -1,0 +1,20 @@
+"""Colours that pictures of every task share.
+
+Red stands for what is wrong, and for nothing else.
+"""
+
+Colour = tuple[float, float, float]
+
+FAULT = "#d4201f"
+
+
+def rgb(code: str) -> Colour:
+    """Red, green and blue in [0, 1] of a colour's code, "#rrggbb"."""
+    red, green, blue = (int(code[i : i + 2], 16) / 255 for i in (1, 3, 5))
+    return red, green, blue
+
+
+def blend(one: Colour, other: Colour, part: float) -> Colour:
+    """A colour between two, `part` of the way to the other."""
+    red, green, blue = (a + part * (b - a) for a, b in zip(one, other, strict=True))
+    return red, green, blue
