@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from deggflow.app import pictures
 from deggflow.tasks.tabletop.formats import read_scenes
 from deggflow.tasks.tabletop.oracle import refutes
-from deggflow.view.tabletop import write_video
+from deggflow.view.tabletop import results, write_video
 
 
 def conditions(path, *rows):
@@ -294,7 +293,7 @@ def test_scenes_are_drawn_with_their_nominal_twins_video_and_model(inside, tmp_p
         left, right = left_poses[some], guided[some]
         write_video(path, condition, right, left_poses=left, taus=taus[some], **settings)
 
-    monkeypatch.setattr(pictures, "write_video", write_some)
+    monkeypatch.setattr(results, "write_video", write_some)
     assert inside("tabletop", "generate", "--size", 4, "--out", "s.jsonl").returncode == 0
     found = inside("tabletop", "render", "s.jsonl", "--out", "p", "--nominal", "--video", "--mjcf")
     assert found.returncode == 0, found.stderr

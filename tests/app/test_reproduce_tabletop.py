@@ -151,7 +151,7 @@ def test_curves_of_as_many_seeds_as_are_there_are_shown(tmp_path):
 
 def test_files_that_hold_no_curves_are_refused(tmp_path):
     (tmp_path / "curves.csv").write_text("step,training\n1,2\n")
-    with pytest.raises(InputError, match="no training curves"):
+    with pytest.raises(InputError, match="not a file of training curves"):
         TrainingCurves({"bridge": _curves_in(tmp_path)}).measure(Settings(), lambda text: None)
 
 

@@ -206,7 +206,7 @@ def _render(entry: AbstractEntry) -> Callable[..., int]:
             options: What is drawn.
         """
         prepare_jax()
-        from functools import cache
+        from functools import cache, partial
 
         task = entry.load_task()
         results = task.read_results(file)
@@ -214,10 +214,11 @@ def _render(entry: AbstractEntry) -> Callable[..., int]:
         for line in lines:
             check_range("lines", line, 1, len(results))
         pictures = entry.load_pictures()
+        say = partial(console().print, soft_wrap=True, markup=False)
         field: Callable[[], Field] = cache(lambda: task.model.load(options.weights))
         for line in lines:
             try:
-                for path in pictures.write(results[line - 1][0], line, options, field):
+                for path in pictures.write(results[line - 1][0], line, options, field, say):
                     print(path, flush=True)
             except InputError as error:
                 raise InputError(error.reason, file=file, line=line) from None

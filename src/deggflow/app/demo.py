@@ -30,8 +30,7 @@ def demo(out: Path = Path("demo"), count: int = 8, size: int = 8, seed: int = 0)
     from deggflow.tasks.tabletop.field import load_field
     from deggflow.tasks.tabletop.generator import TabletopGenerator
     from deggflow.tasks.tabletop.task import scene_generator
-
-    from .pictures import regenerate, write_pictures
+    from deggflow.view.tabletop.results import regenerate, write_pictures
 
     generator = scene_generator(load_field())
     conditions = random_conditions(size, count, "changed", seed)

@@ -101,7 +101,7 @@ SHIPPED = (
         "scene",
         "deggflow.tasks.tabletop.options:OPTIONS",
         "deggflow.tasks.tabletop.task:TabletopTask",
-        "deggflow.app.pictures:TabletopPictures",
+        "deggflow.view.tabletop.results:TabletopPictures",
     ),
     ShippedEntry(
         "bridge",
@@ -109,7 +109,7 @@ SHIPPED = (
         "trial",
         "deggflow.tasks.bridge.options:OPTIONS",
         "deggflow.tasks.bridge.task:BridgeTask",
-        "deggflow.app.bridge_pictures:BridgePictures",
+        "deggflow.view.bridge.results:BridgePictures",
     ),
 )
 

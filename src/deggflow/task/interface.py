@@ -216,7 +216,12 @@ class AbstractPictures(ABC, Generic[R]):
 
     @abstractmethod
     def write(
-        self, result: R, number: int, options: Any, field: Callable[[], Field]
+        self,
+        result: R,
+        number: int,
+        options: Any,
+        field: Callable[[], Field],
+        on_note: Callable[[str], None],
     ) -> Iterator[Path]:
         """Draws one result, and yields what was written.
 
@@ -225,6 +230,7 @@ class AbstractPictures(ABC, Generic[R]):
             number: Its line in the file, from 1.
             options: Of `render`.
             field: Loads the field, for what has to be generated again.
+            on_note: Told what is drawn otherwise than asked for, and why.
 
         Raises:
             InputError: The result can't be generated again.

@@ -23,7 +23,12 @@ class TeamPictures(AbstractPictures[TeamSample]):
         self._task = task
 
     def write(
-        self, result: TeamSample, number: int, options: RenderOptions, field: Callable[[], Field]
+        self,
+        result: TeamSample,
+        number: int,
+        options: RenderOptions,
+        field: Callable[[], Field],
+        on_note: Callable[[str], None],
     ) -> Iterator[Path]:
         """`<noun>_<number>.png`, with what the certificate says below."""
         certificate = result.certificate

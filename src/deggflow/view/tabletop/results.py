@@ -71,7 +71,12 @@ class TabletopPictures(AbstractPictures[Scene]):
     """Scenes: green regions are free, red ones obstructed, red outlines mark what collides."""
 
     def write(
-        self, result: Scene, number: int, options: TabletopRender, field: Callable[[], Field]
+        self,
+        result: Scene,
+        number: int,
+        options: TabletopRender,
+        field: Callable[[], Field],
+        on_note: Callable[[str], None],
     ) -> Iterator[Path]:
         """`scene_<number>.png`, a video and a MuJoCo model, whatever is asked for."""
         generations = None

@@ -23,19 +23,12 @@ from deggflow.tasks.bridge.task import trial_generator
 from deggflow.tasks.bridge.trial import Trial
 from deggflow.tasks.bridge.world import DT, EXECUTED
 from deggflow.view.bounds import BoundPanel, draw_bounds
-from deggflow.view.bridge import (
-    PathGroup,
-    compare,
-    draw_paths,
-    picture,
-    snapshots,
-    write_process_video,
-)
-from deggflow.view.bridge.pictures import FAULT_INK
 from deggflow.view.picture import GREY, panels, save_png
 from deggflow.view.stage import RendererName
 
-from .session import console
+from .paths import PathGroup, draw_paths
+from .pictures import FAULT_INK, compare, picture, snapshots
+from .video import write_process_video
 
 _COLOURS = ("#4d4d4d", "#D55E00", "#0072B2")  # of demonstrations, nominal and guided paths
 SAME_PLACE = 0.02  # m or rad; other seeds lead elsewhere
@@ -50,13 +43,18 @@ class BridgePictures(AbstractPictures[Trial]):
         self._generators: dict[float | None, BridgeGenerator] = {}
 
     def write(
-        self, result: Trial, number: int, options: BridgeRender, field: Callable[[], Field]
+        self,
+        result: Trial,
+        number: int,
+        options: BridgeRender,
+        field: Callable[[], Field],
+        on_note: Callable[[str], None],
     ) -> Iterator[Path]:
         """`trial_<number>.png`, the process, a video and curves, whatever is asked for."""
         generator = None
         if options.nominal or options.curves:
             generator = self._generator(cast(BridgeField, field()), result.certificate.speed_limit)
-        yield from write_pictures(result, number, options, generator)
+        yield from write_pictures(result, number, options, generator, on_note)
 
     def _generator(self, field: BridgeField, speed_limit: float | None) -> BridgeGenerator:
         """Compiled once for each speed limit that a file's trials have."""
@@ -94,7 +92,11 @@ def regenerate(generator: BridgeGenerator, trial: Trial, line: int) -> list[Brid
 
 
 def write_pictures(
-    trial: Trial, line: int, options: BridgeRender, generator: BridgeGenerator | None
+    trial: Trial,
+    line: int,
+    options: BridgeRender,
+    generator: BridgeGenerator | None,
+    on_note: Callable[[str], None],
 ) -> list[Path]:
     """Writes `trial_<line>.png` into a folder and, beside it, what else is asked for; returns the paths.
 
@@ -103,11 +105,12 @@ def write_pictures(
         line: Its line in the file, from 1.
         options: What is to be drawn, and the folder.
         generator: What made the trial; needed for nominal trials and curves.
+        on_note: Told what is drawn otherwise than asked for.
     """
     conditions = None if generator is None else regenerate(generator, trial, line)
     around = surroundings(trial.condition, trial.seed, line, drives=options.process)
     if around.lacking is not None:
-        _tell(f"Trial {line} is shown from its contact points on: {around.lacking}.")
+        on_note(f"Trial {line} is shown from its contact points on: {around.lacking}.")
     twin = _twin(generator, trial, line) if options.nominal and generator is not None else None
     path = options.out / f"trial_{line:04d}.png"
     written = [path]
@@ -121,12 +124,8 @@ def write_pictures(
         left = None if twin is None else assemble(twin, around)
         write_process_video(written[-1], process, left=left, renderer=options.renderer)
     if options.curves and generator is not None and conditions is not None:
-        written += _draw_curves(generator, trial, line, conditions, path)
+        written += _draw_curves(generator, trial, line, conditions, path, on_note)
     return written
-
-
-def _tell(text: str) -> None:
-    console().print(text, soft_wrap=True, markup=False)
 
 
 def _twin(generator: BridgeGenerator, trial: Trial, line: int) -> Trial:
@@ -177,11 +176,12 @@ def _draw_curves(
     line: int,
     conditions: list[BridgeCondition],
     path: Path,
+    on_note: Callable[[str], None],
 ) -> list[Path]:
     """Figures of q_task and q_safe for the first policy, one in the middle, and the last."""
     last = len(conditions) - 1
     if last < 0:
-        _tell(f"Trial {line} has no policies, so it has no curves.")
+        on_note(f"Trial {line} has no policies, so it has no curves.")
         return []
     chosen = sorted({0, last // 2, last})
     courses = [_titled_course(generator, trial, line, conditions[k], k) for k in chosen]
