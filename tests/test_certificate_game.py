@@ -68,20 +68,20 @@ def judged(played, certificates):
 def test_the_judge_agrees_with_what_is_true(played):
     found = judged(played, played[2])
     assert found.missed == [], found.notes
-    assert 0 < found.counts["held"] < found.counts["judged"]
+    assert 0 < found.counts["hypotheses hold"] < found.counts["judged"]
 
 
 def test_the_judge_finds_what_is_false(played):
-    """Everybody satisfied and held: as many are called false as were not."""
+    """Everybody satisfied, all hypotheses said to hold: as many are called false as were not."""
     certificates = played[2]
     all_well = [
-        replace(each, satisfied=True, generation=replace(each.generation, held=True))
+        replace(each, satisfied=True, generation=replace(each.generation, hypotheses_hold=True))
         for each in certificates
     ]
     found = judged(played, all_well)
     assert found.counts["false satisfied"] == sum(not each.satisfied for each in certificates) > 0
-    assert found.counts["false held"] > 0
-    assert {"false satisfied", "false held"} <= set(found.missed)
+    assert found.counts["false hypotheses"] > 0
+    assert {"false satisfied", "false hypotheses"} <= set(found.missed)
 
 
 def test_the_judge_finds_refusals_without_a_reason(played):

@@ -63,7 +63,7 @@ def certify(
         >>> certificate = certify(generate(field, guidance, z0, condition), guidance, condition)
         >>> print(certificate.table())
         satisfied; least margin ...
-        conditions held at all ... points, at most ... apart
+        hypotheses hold at all ... points, at most ... apart
         ...
     """
     guidance = as_guidance(requirements)
@@ -334,8 +334,8 @@ def _certificate(
     if lost.any():
         # Margins of what is not finite may be anything: somebody at infinity is far from every obstacle.
         least, reason = -1e12, f"z is not finite at {called[int(lost.argmax())]}"
-        if made is not None and made.held:
-            made = replace(made, held=False, broken=reason)
+        if made is not None and made.hypotheses_hold:
+            made = replace(made, hypotheses_hold=False, first_failure=reason)
     if reason is not None and bool(summary.not_a_number):
         rows = names if not nominal else ()
         reason = f"{reason}; {not_a_number(summary.nan, rows, called)}"

@@ -12,7 +12,7 @@ from .guidance import AbstractGuidance, GuidanceReport
 from .identity import requirement_numbers
 from .solver import EULER, RungeKutta
 from .step_guard import GuardedSteps, SampleProgress, StepGuard, Velocity, finish
-from .trace import Point, Summary, Trace, Work, add_point, empty_summary, kept
+from .trace import Point, Summary, Trace, Work, add_point, empty_summary, traced
 
 DEFAULT_STEPS = 100
 GUARD = StepGuard()
@@ -220,7 +220,7 @@ def _fixed_steps(
         moved = solver.step(lambda t, x: velocity(state, t, x)[1], tau, z, slope, after - tau)
         # No step follows tau = 1, where some fields are infinite.
         ahead = state, jnp.where(last, z, moved), add_point(summary, point, mask)
-        return ahead, (kept(report) if keep_trace else None, z if keep_path else None)
+        return ahead, (traced(report) if keep_trace else None, z if keep_path else None)
 
     spans = grid, jnp.append(grid[1:], grid[-1]), jnp.arange(len(grid)) == len(grid) - 1
     start = state, z0, empty_summary(grid, z0, condition, shapes.value.shape[0])

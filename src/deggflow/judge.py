@@ -9,11 +9,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Integer
 
 from .guidance import DecoupledGuidance, GuidanceReport
-from .guidance.decoupled import least_sine
+from .guidance.decoupled import opposed_sine
 from .guidance.report import not_finite
 from .guidance.requirement import Rows
 from .identity import fingerprint
-from .trace import Kept, Point, Summary, add_point, empty_summary, kept
+from .trace import Point, Summary, TracedReport, add_point, empty_summary, traced
 
 PRECISION = {np.dtype(np.float32): 1e-5, np.dtype(np.float64): 1e-9}
 """Of |ell| |dz/dtau| + |b|, by the type in which states were computed: rows met as closely are met."""
@@ -90,7 +90,7 @@ class Followed(NamedTuple):
     """A trajectory made elsewhere, as guidance would have reported it."""
 
     summary: Summary
-    trace: Kept
+    trace: TracedReport
 
 
 @eqx.filter_jit
@@ -128,19 +128,19 @@ def follow(
 
     def at(
         so_far: Summary, point: tuple[Array, Array, Array, Array, Array]
-    ) -> tuple[Summary, Kept]:
+    ) -> tuple[Summary, TracedReport]:
         tau, z, velocity, rounding, last = point
         rows = guidance.rows(state, tau, z, velocity, condition, mask)
-        length = jnp.linalg.norm(rows.ell, axis=-1)
+        ell_norm = jnp.linalg.norm(rows.ell, axis=-1)
         speed = jnp.linalg.norm(velocity, axis=-1)
-        room = length * (precision * speed + rounding)[None] + precision * jnp.abs(rows.b) + TINY
-        active = (jnp.abs(rows.b) <= room) & (length > 0)
-        report = _report(rows, velocity, rows.b <= room, length, active)
+        room = ell_norm * (precision * speed + rounding)[None] + precision * jnp.abs(rows.b) + TINY
+        active = (jnp.abs(rows.b) <= room) & (ell_norm > 0)
+        report = _report(rows, velocity, rows.b <= room, ell_norm, active)
         flat = jnp.zeros(len(guidance.names), bool)
         kinks = flat | _kinks(guidance, tau, z, velocity, condition, mask)
-        done = jnp.asarray(True)
-        made = Point(tau, z, report, done, ~done, flat, ~done, kinks & ~last, last)
-        return add_point(so_far, made, mask), kept(report)
+        yes, no = jnp.asarray(True), jnp.asarray(False)
+        here = Point(tau, z, report, yes, no, flat, no, kinks & ~last, last)
+        return add_point(so_far, here, mask), traced(report)
 
     points = jnp.arange(len(tau))
     start = empty_summary(tau, z[0], condition, len(guidance.names))
@@ -153,15 +153,16 @@ def _report(
     rows: Rows,
     velocity: Float[Array, "agents dim"],
     met: Bool[Array, "rows agents"],
-    length: Float[Array, "rows agents"],
+    ell_norm: Float[Array, "rows agents"],
     active: Bool[Array, "rows agents"],
 ) -> GuidanceReport:
     agents = len(velocity)
     nobody, none = jnp.zeros(agents, bool), jnp.zeros(agents, velocity.dtype)
     return GuidanceReport(
-        value=rows.value, bound=rows.bound, limit=rows.limit, able=met, infeasible=nobody,
-        effort=none, length=jnp.where(active, length, jnp.inf), active=active,
-        sine=least_sine(rows.ell, active), slope=rows.rate, contribution=rows.contribution,
+        value=rows.value, bound=rows.bound, limit=rows.limit, row_feasible=met,
+        qp_infeasible=nobody, input_norm=none, ell_norm=jnp.where(active, ell_norm, jnp.inf),
+        active=active, opposed_sine=opposed_sine(rows.ell, active), slope=rows.rate,
+        contribution=rows.contribution,
         drift_nan=not_finite(velocity), value_nan=rows.value_nan,
         gradient_nan=rows.gradient_nan, input_nan=nobody,
     )  # fmt: skip

@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .guidance import GuidanceReport
 from .solver import RungeKutta
-from .trace import Kept, Point, Summary, add_point, empty_summary, kept
+from .trace import Point, Summary, TracedReport, add_point, empty_summary, traced
 
 Velocity = Callable[
     [Any, Float[Array, ""], Float[Array, "agents dim"]],
@@ -59,7 +59,7 @@ class SampleProgress(NamedTuple):
     refused_size: Float[Array, ""]  # of the first refused step before the next grid point
     unexpected: Float[Array, " rows"]  # how much faster values rose in it than their slopes said
     state: Any  # of the guidance
-    trace: Kept | None  # at the grid points that were reached
+    trace: TracedReport | None  # at the grid points that were reached
     path: Float[Array, "points agents dim"] | None
     summary: Summary
 
@@ -81,7 +81,7 @@ class GuardedSteps(NamedTuple):
         none = jnp.zeros((), jnp.int32)
         *_, shapes = jax.eval_shape(velocity, state, tau, z0)
         row = jnp.zeros_like(shapes.value)
-        trace = jax.tree.map(lambda one: jnp.zeros((points, *one.shape), one.dtype), kept(shapes))
+        trace = jax.tree.map(lambda one: jnp.zeros((points, *one.shape), one.dtype), traced(shapes))
         return SampleProgress(
             tau=tau, z=z0, slope=jnp.zeros_like(z0), value=row, value_slope=row,
             proposed_tau=tau, proposed_z=z0, goal=none,
@@ -150,7 +150,7 @@ class GuardedSteps(NamedTuple):
             unexpected=jnp.where(first_refusal, unexpected, at.unexpected),
             state=state,
             trace=None if at.trace is None else jax.tree.map(
-                lambda before, new: before.at[spot].set(new), at.trace, kept(report)
+                lambda before, new: before.at[spot].set(new), at.trace, traced(report)
             ),
             path=None if at.path is None else at.path.at[spot].set(z),
             summary=add_point(at.summary, point, mask),

@@ -33,7 +33,9 @@ class Rows(NamedTuple):
     limit: Float[
         Array, " rows"
     ]  # what a discrete step may reach here and still lead to the end wanted
-    able: Bool[Array, "rows agents"]  # whether the theorem's condition for a feasible row holds
+    row_feasible: Bool[
+        Array, "rows agents"
+    ]  # whether the theorem's condition for a feasible row holds
     rate: Float[Array, " rows"]  # d value / d tau under the nominal field alone
     contribution: Float[Array, "rows agents"]  # how much of the value is whose; of any unit
     value_nan: Bool[Array, "rows agents"]  # the requirement itself is not a number there
