@@ -11,7 +11,7 @@ import pytest
 from game import generated, truth
 from game.draw import draw
 from game.spec import Factor, Private, Problem, Shared
-from game.tally import Tally, judge_held, judge_verdicts
+from game.tally import Tally, judge_hypotheses, judge_verdicts
 from game.wired import PIECES, guidance_of, program_of
 from game.wirings import play_wirings
 
@@ -59,7 +59,7 @@ def judged(played, certificates):
     condition, made, _ = played
     tally = Tally()
     judge_verdicts(tally, "case", ONE, made.z, condition, None, certificates)
-    judge_held(
+    judge_hypotheses(
         tally, "case", ONE, made.trace.tau[0], made.path, condition, None, certificates, 2.0**-23
     )
     return tally
