@@ -23,17 +23,25 @@ UNSMOOTH = 0.5  # by which the jump of a slope shrinks at most where there is a 
 
 
 class Judged(NamedTuple):
-    """One finished sample, by the requirements themselves."""
+    """One finished sample, judged by the requirements themselves.
 
-    margins: tuple[Float[Array, "..."], ...]  # as `AbstractRequirement.margins_at_end`
-    value: Float[Array, " rows"]  # V or q at tau = 1
-    limit: Float[Array, " rows"]  # what they may be there
-    first_value: Float[Array, " rows"]  # at z(0)
+    Attributes:
+        margins: As `AbstractRequirement.margins_at_end`.
+        value: V or q at tau = 1.
+        limit: Limit there.
+        first_value: V or q at z(0).
+        first_limit: Limit there.
+        leaks: Whether the states of absent agents change the verdict.
+        condition: `fingerprint` of the condition asked about, in the type in which a generation saw it.
+    """
+
+    margins: tuple[Float[Array, "..."], ...]
+    value: Float[Array, " rows"]
+    limit: Float[Array, " rows"]
+    first_value: Float[Array, " rows"]
     first_limit: Float[Array, " rows"]
-    leaks: Bool[Array, " rows"]  # whether the states of absent agents change the verdict
-    condition: Integer[
-        Array, " leaves"
-    ]  # `fingerprint` of the condition asked about, as a generation saw it
+    leaks: Bool[Array, " rows"]
+    condition: Integer[Array, " leaves"]
 
 
 def judge(
@@ -50,20 +58,27 @@ def judge(
     if mask is not None:
         # Absent agents somewhere else: nothing that is said of the others may change.
         steps = 1.0 + jnp.arange(z.size, dtype=z.dtype).reshape(z.shape) / z.size
-        known = jnp.isfinite(z)
-        far = 1.0 + jnp.max(jnp.where(known, jnp.abs(z), 0.0))
+        is_finite = jnp.isfinite(z)
+        far = 1.0 + jnp.max(jnp.where(is_finite, jnp.abs(z), 0.0))
         elsewhere = jnp.where(mask[:, None], z, steps * far)
-        moved = guidance.margins_at_end(elsewhere, condition, mask)
+        margins_elsewhere = guidance.margins_at_end(elsewhere, condition, mask)
         leaks = jnp.stack([
             jnp.any(~((a == b) | (jnp.isnan(a) & jnp.isnan(b))))
-            for a, b in zip(margins, moved, strict=True)
-        ]) & jnp.all(known | ~mask[:, None])  # fmt: skip
+            for a, b in zip(margins, margins_elsewhere, strict=True)
+        ]) & jnp.all(is_finite | ~mask[:, None])  # fmt: skip
     zero, one = jnp.zeros((), z.dtype), jnp.ones((), z.dtype)
     state = guidance.init(z0, condition, mask)
     first = guidance.rows(state, zero, z0, jnp.zeros_like(z0), condition, mask)
     last = guidance.rows(state, one, z, jnp.zeros_like(z), condition, mask)
-    seen = fingerprint(condition, dtype)
-    return Judged(margins, last.value, last.limit, first.value, first.limit, leaks, seen)
+    return Judged(
+        margins,
+        last.value,
+        last.limit,
+        first.value,
+        first.limit,
+        leaks,
+        fingerprint(condition, dtype),
+    )
 
 
 @eqx.filter_jit
@@ -87,7 +102,12 @@ def judge_many(
 
 
 class Followed(NamedTuple):
-    """A trajectory made elsewhere, as guidance would have reported it."""
+    """A trajectory made elsewhere, as guidance would have reported it.
+
+    Attributes:
+        summary: Of all its points.
+        trace: Of all its points; leaves have a leading axis of points.
+    """
 
     summary: Summary
     trace: TracedReport

@@ -60,7 +60,7 @@ class AbstractGuidance(eqx.Module):
         value: Float[Array, " rows"],
         above: Bool[Array, " rows"],
     ) -> Any:
-        """The state after a step that was taken although values landed above their limits."""
+        """The state after a step that was taken although it ended above limits."""
 
 
 class NoGuidance(AbstractGuidance):
