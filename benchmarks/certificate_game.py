@@ -2,9 +2,9 @@
 
 Every requirement is given twice, as JAX functions to the library and by other formulas to the judge (game/truth.py,
 which shares no code with either). A sample that is said to be satisfied although a requirement is broken, or a
-generation that is said to have held although it did not, makes the run fail.
+generation whose hypotheses are said to hold although they do not, makes the run fail.
 
-"held" is judged at the points of the grid, by values and limits of the judge's own, with the tolerance that float32
+"hypotheses hold" is judged at the points of the grid, by values and limits of the judge's own, with the tolerance that float32
 needs (`above_limits`), and for single private requirements and plain Euler steps by every agent's rows (`steepest_row`).
 
 Run: python benchmarks/certificate_game.py [--samples 100000] [--seed 0], about 15 minutes on 2 cores.
@@ -87,8 +87,8 @@ def cases(samples, batch):
     return [(name, k) for _, name, k in sorted(order)]
 
 
-COLUMNS = ("judged", "satisfied", "false satisfied", "hold", "false refusals", "ties", "held", "rows worked out",
-           "false held", "margins off", "broken promises", "errors raised", "errors missing", "errors not called for")  # fmt: skip
+COLUMNS = ("judged", "satisfied", "false satisfied", "hold", "false refusals", "ties", "hypotheses hold", "rows worked out",
+           "false hypotheses", "margins off", "broken promises", "errors raised", "errors missing", "errors not called for")  # fmt: skip
 
 
 def table(tallies):

@@ -112,9 +112,9 @@ def test_a_guided_generation_is_satisfied_and_held(given):
     assert certificate.reason is None
     assert certificate.draws == 1
     record = certificate.generation
-    assert record.held
-    assert record.broken is None
-    assert (record.steps, record.refused, record.forced) == (STEPS, 0, 0)
+    assert record.hypotheses_hold
+    assert record.first_failure is None
+    assert (record.steps, record.refused_steps, record.forced_steps) == (STEPS, 0, 0)
     assert record.trace is None
     end = values_by_hand(np.ones(1), made.path[-1:])[0]
     value = values_by_hand(made.trace.tau, made.path)
@@ -125,8 +125,8 @@ def test_a_guided_generation_is_satisfied_and_held(given):
         assert each.value == pytest.approx(end[k], rel=1e-12, abs=1e-15)  # in float64
         assert each.limit == pytest.approx(limit[-1, k], rel=1e-6, abs=1e-9)
         assert each.excess == pytest.approx((value - limit)[:, k].max(), abs=1e-5)
-        assert each.active > 100
-        assert each.smallest_ell > 0
+        assert each.active_points > 100
+        assert each.smallest_ell_norm > 0
     margins = {"around": -end[0], "apart": least_distance(made.path[-1]) - 1.0}
     assert [each.name for each in certificate.verdicts] == list(margins)
     for each in certificate.verdicts:
@@ -144,17 +144,17 @@ def test_a_generation_says_what_was_done():
     step = np.linalg.norm(np.diff(np.asarray(out.path, np.float64), axis=0), axis=-1).max()
     assert record.largest_step == pytest.approx(step, rel=1e-5)
     assert said().generation.largest_step == pytest.approx(step, rel=1e-9)
-    assert record.effort == pytest.approx(float(jnp.max(out.trace.effort[:-1])))
-    assert record.least_sine == pytest.approx(float(jnp.min(out.trace.sine[:-1])))
+    assert record.largest_input_norm == pytest.approx(float(jnp.max(out.trace.input_norm[:-1])))
+    assert record.least_opposed_sine == pytest.approx(float(jnp.min(out.trace.opposed_sine[:-1])))
     active = np.asarray(out.trace.active[:-1]).any(-1).sum(0)
-    assert [each.active for each in record.requirements] == active.tolist()
+    assert [each.active_points for each in record.requirements] == active.tolist()
 
 
 def test_the_nominal_path_is_neither_satisfied_nor_held():
     certificate = said(guided=False)
     end = values_by_hand(np.ones(1), run(False).path[-1:])[0]
     assert not certificate.satisfied
-    assert not certificate.generation.held
+    assert not certificate.generation.hypotheses_hold
     assert certificate.min_margin == pytest.approx(-end[0], rel=1e-9)
     assert certificate.reason == f"around ends above its bound by {end[0]:.6g}"
     assert certificate.violation == pytest.approx(end.sum(), rel=1e-9)
@@ -176,17 +176,17 @@ def test_a_point_that_was_moved_breaks_the_record_and_not_the_verdict(agent):
     certificate = certify(Trajectory(tau, moved), REQUIREMENTS, CENTRE, agents=NAMES)
     assert certificate.satisfied
     assert certificate.min_margin == said().min_margin
-    assert not certificate.generation.held
+    assert not certificate.generation.hypotheses_hold
     assert re.fullmatch(
         r"(red|green|blue) did not meet its row of (around|apart) at [12] points?",
-        certificate.generation.broken,
+        certificate.generation.first_failure,
     )
     # The step to the point and the one away from it, and no other.
     with jax.enable_x64(True):
         eps, precision = np.asarray(np.finfo(np.float32).eps, np.float64), np.asarray(1e-5)
         given = tau.astype(np.float64), moved.astype(np.float64), eps, precision
         found = follow(DecoupledGuidance(REQUIREMENTS), *given, CENTRE.astype(np.float64), None)
-    met = np.asarray(found.trace[Trace._fields.index("able") - 1])
+    met = np.asarray(found.trace[Trace._fields.index("row_feasible") - 1])
     failed = np.flatnonzero(~met[:-1].all((1, 2)))
     assert len(failed)
     assert set(failed.tolist()) <= {point - 1, point}
@@ -205,7 +205,7 @@ def test_the_end_alone_decides_the_verdict(name):
     certificate = certify(Trajectory(tau, moved), REQUIREMENTS, CENTRE)
     end = values_by_hand(np.ones(1), moved[-1:])[0]
     assert not certificate.satisfied
-    assert not certificate.generation.held
+    assert not certificate.generation.hypotheses_hold
     if name == "around":
         assert certificate.reason == f"around ends above its bound by {end[0]:.6g}"
     else:
@@ -315,11 +315,11 @@ def test_a_sample_that_is_not_a_number_is_never_satisfied(bad, kind, guard):
     certificate = certify(out, KINDS[kind], CENTRE)
     assert not certificate.satisfied
     assert certificate.min_margin < 0
-    assert not certificate.generation.held
+    assert not certificate.generation.hypotheses_hold
     first = "the field is not a finite number at agent 0, tau = "
-    assert certificate.generation.broken.startswith(first)
+    assert certificate.generation.first_failure.startswith(first)
     assert first in certificate.reason
-    assert float(certificate.generation.broken.removeprefix(first)) > 0.5
+    assert float(certificate.generation.first_failure.removeprefix(first)) > 0.5
 
 
 @pytest.mark.parametrize("bad", [None, *BAD])
@@ -344,35 +344,37 @@ def test_a_step_that_was_forced_is_said_to_be():
     """Between points of the grid; at none of them a value was above its limit."""
     out = run()
     certificate = certify(
-        out._replace(summary=out.summary._replace(work=out.work._replace(forced=jnp.asarray(2)))),
+        out._replace(
+            summary=out.summary._replace(work=out.work._replace(forced_steps=jnp.asarray(2)))
+        ),
         REQUIREMENTS,
         CENTRE,
     )
     assert certificate.satisfied
-    assert not certificate.generation.held
-    assert certificate.generation.forced == 2
-    assert "2 steps were forced" in certificate.generation.broken
-    assert not re.search(r"above its limit by (-|0\b)", certificate.generation.broken)
+    assert not certificate.generation.hypotheses_hold
+    assert certificate.generation.forced_steps == 2
+    assert "2 steps were forced" in certificate.generation.first_failure
+    assert not re.search(r"above its limit by (-|0\b)", certificate.generation.first_failure)
 
 
 def test_the_table_reads_well():
     lines = said().table().splitlines()
     assert lines[0].startswith("satisfied; least margin ")
-    assert re.fullmatch(rf"conditions held at all {STEPS + 1} points, at most \S+ apart", lines[1])
-    assert lines[2].startswith(f"{STEPS} steps, 0 refused, 0 forced; least sine ")
+    assert re.fullmatch(rf"hypotheses hold at all {STEPS + 1} points, at most \S+ apart", lines[1])
+    assert lines[2].startswith(f"{STEPS} steps, 0 refused, 0 forced; least opposed sine ")
     assert lines[3].split("  ")[0] == "requirement"
     for line, each in zip(lines[4:], said().generation.requirements, strict=True):
         name, margin, value, limit, excess, active, points, ell = line.split()
         assert margin.strip("-")
-        assert (name, active, points) == (each.name, str(each.active), "points")
+        assert (name, active, points) == (each.name, str(each.active_points), "points")
         for text, number in ((value, each.value), (limit, each.limit), (excess, each.excess)):
             assert float(text) == pytest.approx(number, rel=1e-2)
-        assert float(ell) == pytest.approx(each.smallest_ell, rel=1e-2)
+        assert float(ell) == pytest.approx(each.smallest_ell_norm, rel=1e-2)
     assert len({len(line) for line in lines[3:]}) == 1  # columns stand under each other
     broken = said(guided=False)
     lines = broken.table().splitlines()
     assert lines[0].startswith(f"NOT satisfied: {broken.reason}; ")
-    assert lines[1] == f"conditions did not hold: {broken.generation.broken}"
+    assert lines[1] == f"hypotheses do not hold: {broken.generation.first_failure}"
 
 
 def test_float64_does_not_leak_out():

@@ -1,4 +1,4 @@
-"""What once made a certificate wrong: each case was run, and said "satisfied" or "held" of what was not."""
+"""What once made a certificate wrong: each case was run, and said "satisfied" or "hypotheses hold" of what was not."""
 
 import re
 
@@ -69,8 +69,8 @@ def test_no_requirement_drops_out_of_the_verdict():
     end = np.mean(np.asarray(sample.z, np.float64)[:, 0])
     assert both.reason == f"left ends above its bound by {end:.6g}"
     assert [each.name for each in both.verdicts] == ["apart", "left"]
-    assert not both.generation.held
-    assert "generated under other requirements" in both.generation.broken
+    assert not both.generation.hypotheses_hold
+    assert "generated under other requirements" in both.generation.first_failure
 
 
 def test_a_sample_of_one_bound_is_judged_by_the_bound_asked_about():
@@ -79,12 +79,14 @@ def test_a_sample_of_one_bound_is_judged_by_the_bound_asked_about():
         return SharedRequirements((SharedFactor(mean_x, bound, name="left"),))
 
     sample = guided((factor(30.0),), field=lambda tau, z, condition: 3.0 * jnp.ones_like(z))
-    assert certify(sample, (factor(30.0),)).generation.held
+    assert certify(sample, (factor(30.0),)).generation.hypotheses_hold
     other = certify(sample, (factor(0.0),))
     assert not other.satisfied
     assert other.min_margin == pytest.approx(-float(np.mean(np.asarray(sample.z, float)[:, 0])))
-    assert not other.generation.held
-    assert other.generation.broken.startswith("the sample was generated under other requirements: ")
+    assert not other.generation.hypotheses_hold
+    assert other.generation.first_failure.startswith(
+        "the sample was generated under other requirements: "
+    )
     assert other.generation.requirements == ()
 
 
@@ -97,7 +99,7 @@ def test_a_bound_that_began_elsewhere_is_another_bound(slack):
     )
     said = certify(guided((made,)), (asked,))
     assert said.satisfied
-    assert said.generation.held == (slack == 0.02)
+    assert said.generation.hypotheses_hold == (slack == 0.02)
 
 
 def test_the_floor_comes_from_the_buffer():
@@ -130,7 +132,7 @@ def test_a_grid_that_does_not_reach_the_end_has_no_certificate(end):
     guidance = DecoupledGuidance((APART,))
     run = jax.jit(lambda z, grid: generate(gather, guidance, z, None, grid=grid))
     if end == 1.0:
-        assert certify(run(Z0, grid), guidance).generation.held
+        assert certify(run(Z0, grid), guidance).generation.hypotheses_hold
         grid = grid[::-1]
     with pytest.raises(ValueError, match=r"`sample` must be generated on a grid"):
         certify(run(Z0, grid.copy()), guidance)
@@ -159,23 +161,25 @@ def test_rounding_is_allowed_to_each_agent_by_itself(dummy):
     one = PrivateRequirement(margins, BUFFER, name="apart")
     said = certify(straight_with(dummy), (one,))
     assert said.satisfied  # at the end
-    assert not said.generation.held
-    assert re.search("agent [01] did not meet its row of apart", said.generation.broken)
+    assert not said.generation.hypotheses_hold
+    assert re.search("agent [01] did not meet its row of apart", said.generation.first_failure)
 
 
 def test_accepted_points_between_those_of_the_grid_are_in_the_record():
     """Steps that were halved: what is met there counts as anywhere else."""
     grid = refined_grid(8)
     sample = guided((APART,), 0.3 * Z0, grid=grid)
-    assert int(sample.work.refused) > 0
+    assert int(sample.work.refused_steps) > 0
     points = int(sample.summary.points)
-    assert points == int(sample.work.evaluations) - int(sample.work.refused)
+    assert points == int(sample.work.evaluations) - int(sample.work.refused_steps)
     assert points > len(grid)
     said = certify(sample, (APART,)).generation
     assert said.steps == points - 1
-    assert said.effort >= float(jnp.max(sample.trace.effort[:-1]))
-    assert said.requirements[0].smallest_ell <= float(jnp.min(sample.trace.length[:-1]))
-    assert said.requirements[0].active >= int(jnp.any(sample.trace.active[:-1], (1, 2)).sum())
+    assert said.largest_input_norm >= float(jnp.max(sample.trace.input_norm[:-1]))
+    assert said.requirements[0].smallest_ell_norm <= float(jnp.min(sample.trace.ell_norm[:-1]))
+    assert said.requirements[0].active_points >= int(
+        jnp.any(sample.trace.active[:-1], (1, 2)).sum()
+    )
 
 
 def test_an_end_that_was_put_in_place_of_the_generations_is_not_held():
@@ -183,8 +187,8 @@ def test_an_end_that_was_put_in_place_of_the_generations_is_not_held():
     moved = sample._replace(z=sample.z + 2.0)
     said = certify(moved, (APART,))
     assert said.satisfied  # everybody moved alike
-    assert not said.generation.held
-    assert said.generation.broken == "z is not the end of its generation"
+    assert not said.generation.hypotheses_hold
+    assert said.generation.first_failure == "z is not the end of its generation"
 
 
 def test_two_points_say_how_far_apart_they_are():
@@ -196,7 +200,7 @@ def test_two_points_say_how_far_apart_they_are():
     one = PrivateRequirement(outside, BUFFER, name="outside")
     jump = Trajectory(np.array([0.0, 1.0]), np.array([[[-1.0, 0.0]], [[1.0, 0.0]]]))
     table = certify(jump, (one,)).table()
-    assert "held at all 2 points, at most 2 apart" in table
+    assert "hypotheses hold at all 2 points, at most 2 apart" in table
 
 
 def test_a_batch_is_certified_in_one_call():
@@ -208,7 +212,7 @@ def test_a_batch_is_certified_in_one_call():
         alone = certify(jax.tree.map(lambda leaf, k=k: leaf[k], samples), guidance)
         assert said.satisfied == alone.satisfied
         assert said.min_margin == pytest.approx(alone.min_margin, rel=1e-12)
-        assert said.generation.held == alone.generation.held
+        assert said.generation.hypotheses_hold == alone.generation.hypotheses_hold
     with pytest.raises(ValueError, match=r"got \(20, 3, 2\): use `certify_batch`"):
         certify(samples, guidance)
 
@@ -243,8 +247,8 @@ def broken_field(tau, z, condition):
 def test_not_a_number_is_called_that(field, margins, text):
     one = PrivateRequirement(margins, BUFFER, name="apart")
     said = certify(guided((one,), field=field), (one,))
-    assert not said.generation.held
-    assert re.fullmatch(text, said.generation.broken)
+    assert not said.generation.hypotheses_hold
+    assert re.fullmatch(text, said.generation.first_failure)
     # A row that is not a number is left out of the input; where the field leads back, the end may well be good.
     if not said.satisfied:
         assert re.search(text, said.reason)
@@ -263,7 +267,7 @@ def test_the_safe_helpers_have_no_such_gradient():
     np.testing.assert_array_equal(jax.grad(safe_norm)(jnp.zeros(2)), 0.0)
 
 
-# Kinks and stuck steps
+# Kinks and forced steps
 
 
 def meeting(tau, z, condition):
@@ -277,15 +281,15 @@ MEETING = jnp.array([[-1.0, 0.1], [1.0, -0.1], [0.0, 2.0]])
 def test_where_steps_are_forced_it_is_said_whose_they_were():
     """A pair that is to meet, and a third that has no part in it: every row is feasible, the steps are too long."""
     sample = guided((MEET,), MEETING, still, grid=refined_grid(20))
-    assert not sample.summary.infeasible.any()
-    assert not sample.summary.stuck.any()
+    assert not sample.summary.qp_infeasible_points.any()
+    assert not sample.summary.infeasible_points.any()
     said = certify(sample, (MEET,), agents=("red", "green", "blue")).generation
-    assert said.forced > 0
-    assert not said.held
+    assert said.forced_steps > 0
+    assert not said.hypotheses_hold
     (record,) = said.requirements
-    assert record.forced == said.forced
+    assert record.forced_steps == said.forced_steps
     assert record.forced_agents == ("red", "green")
-    assert f"{said.forced} steps were forced: meet at red, green" in said.broken
+    assert f"{said.forced_steps} steps were forced: meet at red, green" in said.first_failure
 
 
 def test_steps_that_are_forced_at_a_kink_say_so():
@@ -300,9 +304,9 @@ def test_steps_that_are_forced_at_a_kink_say_so():
     one = PrivateRequirement(ridge, 0.02, name="ridge")
     z0 = jnp.array([[-0.1, 0.3]])
     said = certify(guided((one,), z0, toward, grid=refined_grid(100)), (one,)).generation
-    assert said.forced > 0
-    assert said.requirements[0].kinks > 0
-    assert "ridge has no gradient (a kink) at " in said.broken
+    assert said.forced_steps > 0
+    assert said.requirements[0].kink_points > 0
+    assert "ridge has no gradient (a kink) at " in said.first_failure
 
 
 def test_a_kink_has_no_gradient_and_is_not_held():
@@ -325,9 +329,9 @@ def test_a_kink_has_no_gradient_and_is_not_held():
     # Leaving it, and where the hinge is active: elsewhere V is zero all around.
     on_it = int(np.sum((y[:-1] == 0) & (y[1:] != 0) & (0.2 + x[:-1] > 0)))
     assert on_it > 0
-    assert first.requirements[0].kinks == on_it
-    assert second.requirements[0].kinks == 0
-    assert not first.held
+    assert first.requirements[0].kink_points == on_it
+    assert second.requirements[0].kink_points == 0
+    assert not first.hypotheses_hold
 
 
 # Masks
@@ -416,12 +420,12 @@ def test_what_is_not_finite_is_neither_satisfied_nor_held(margins, end):
         said = certify(guided((one,), start, leaves, solver=solver), (one,))
         assert not said.satisfied
         assert said.min_margin < 0
-        assert not said.generation.held
+        assert not said.generation.hypotheses_hold
     z = np.broadcast_to(np.asarray(start), (5, 1, 2)).copy()
     z[-1] = end
     said = certify(Trajectory(np.linspace(0, 1, 5), z), (one,))
     assert not said.satisfied
-    assert not said.generation.held
+    assert not said.generation.hypotheses_hold
     assert said.reason.startswith("z is not finite at agent 0")
 
 
@@ -454,12 +458,12 @@ def test_a_sample_of_another_condition_is_not_held():
     apart, between = {"disc": np.array([0.0, 5.0])}, {"disc": np.array([0.0, 0.1])}
     z0 = np.array([[-1.0, 0.0]], np.float32)
     sample = generate(to_the_right, DecoupledGuidance(one), z0, apart)
-    assert certify(sample, one, apart).generation.held
-    assert certify(sample, one, {"disc": jnp.asarray(apart["disc"])}).generation.held
+    assert certify(sample, one, apart).generation.hypotheses_hold
+    assert certify(sample, one, {"disc": jnp.asarray(apart["disc"])}).generation.hypotheses_hold
     said = certify(sample, one, between)
     assert said.satisfied
-    assert not said.generation.held
-    assert said.generation.broken == "the sample was generated under another condition"
+    assert not said.generation.hypotheses_hold
+    assert said.generation.first_failure == "the sample was generated under another condition"
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
@@ -524,10 +528,13 @@ def test_nothing_is_held_under_requirements_that_were_changed_where_nobody_looks
 
     z0 = jnp.array([[2.0], [3.0]])
     made = generate(along, DecoupledGuidance((one_of(),)), z0, None)
-    assert certify(made, (one_of(),), None).generation.held
+    assert certify(made, (one_of(),), None).generation.hypotheses_hold
     found = certify(made, (one_of(**other),), None).generation
-    assert not found.held
-    assert found.broken == "the sample was generated under other requirements: `clear` is another"
+    assert not found.hypotheses_hold
+    assert (
+        found.first_failure
+        == "the sample was generated under other requirements: `clear` is another"
+    )
 
 
 def test_a_generation_that_ends_far_away_is_still_compared_at_its_start():
@@ -547,6 +554,6 @@ def test_a_generation_that_ends_far_away_is_still_compared_at_its_start():
     assert np.abs(made.z).max() > 1e10
     summary = made.summary._replace(requirements=np.zeros(1, np.uint32))  # as if nothing were known
     found = certify(made._replace(summary=summary), (limits[1],), 1.0).generation
-    assert found.broken.startswith(
+    assert found.first_failure.startswith(
         "the sample was generated under other requirements: the limit at tau = 0"
     )

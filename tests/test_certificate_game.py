@@ -11,7 +11,7 @@ import pytest
 from game import generated, truth
 from game.draw import draw
 from game.spec import Factor, Private, Problem, Shared
-from game.tally import Tally, judge_held, judge_verdicts
+from game.tally import Tally, judge_hypotheses, judge_verdicts
 from game.wired import PIECES, guidance_of, program_of
 from game.wirings import play_wirings
 
@@ -59,7 +59,7 @@ def judged(played, certificates):
     condition, made, _ = played
     tally = Tally()
     judge_verdicts(tally, "case", ONE, made.z, condition, None, certificates)
-    judge_held(
+    judge_hypotheses(
         tally, "case", ONE, made.trace.tau[0], made.path, condition, None, certificates, 2.0**-23
     )
     return tally
@@ -68,20 +68,20 @@ def judged(played, certificates):
 def test_the_judge_agrees_with_what_is_true(played):
     found = judged(played, played[2])
     assert found.missed == [], found.notes
-    assert 0 < found.counts["held"] < found.counts["judged"]
+    assert 0 < found.counts["hypotheses hold"] < found.counts["judged"]
 
 
 def test_the_judge_finds_what_is_false(played):
-    """Everybody satisfied and held: as many are called false as were not."""
+    """Everybody satisfied, all hypotheses said to hold: as many are called false as were not."""
     certificates = played[2]
     all_well = [
-        replace(each, satisfied=True, generation=replace(each.generation, held=True))
+        replace(each, satisfied=True, generation=replace(each.generation, hypotheses_hold=True))
         for each in certificates
     ]
     found = judged(played, all_well)
     assert found.counts["false satisfied"] == sum(not each.satisfied for each in certificates) > 0
-    assert found.counts["false held"] > 0
-    assert {"false satisfied", "false held"} <= set(found.missed)
+    assert found.counts["false hypotheses"] > 0
+    assert {"false satisfied", "false hypotheses"} <= set(found.missed)
 
 
 def test_the_judge_finds_refusals_without_a_reason(played):

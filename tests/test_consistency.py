@@ -14,31 +14,32 @@ from deggflow.consistency import (
 
 NAMES, AGENTS = ["one", "two"], ["a", "b"]
 HELD = {
-    "held": True,
-    "broken": None,
+    "hypotheses_hold": True,
+    "first_failure": None,
     "requirements": [
         {
             "name": "one",
             "value": -0.2,
             "limit": 0.0,
             "excess": -0.1,
-            "active": 4,
-            "smallest_ell": 0.3,
+            "active_points": 4,
+            "smallest_ell_norm": 0.3,
         },
         {
             "name": "two",
             "value": 0.1,
             "limit": 0.1,
             "excess": 0.0,
-            "active": 0,
-            "smallest_ell": None,
+            "active_points": 0,
+            "smallest_ell_norm": None,
         },
     ],
     "steps": 10,
-    "refused": 2,
-    "forced": 0,
-    "least_sine": 0.5,
-    "effort": 1.0,
+    "refused_steps": 2,
+    "forced_steps": 0,
+    "least_opposed_sine": 0.5,
+    "largest_input_norm": 1.0,
+    "largest_step": 1.0,
     "trace": {
         "tau": [0.0, 0.5, 1.0],
         "value": [[0.4, 0.0], [0.1, 0.1], [-0.2, 0.1]],
@@ -48,19 +49,19 @@ HELD = {
 }
 FAILED = {
     **HELD,
-    "held": False,
-    "broken": "two was above its limit by 0.25, 3 steps were forced: two at b, two has no gradient (a kink) at 1 point",
+    "hypotheses_hold": False,
+    "first_failure": "two was above its limit by 0.25, 3 steps were forced: two at b, two has no gradient (a kink) at 1 point",
     "requirements": [
         HELD["requirements"][0],
         {
             **HELD["requirements"][1],
             "excess": 0.25,
-            "forced": 3,
+            "forced_steps": 3,
             "forced_agents": ["b"],
-            "kinks": 1,
+            "kink_points": 1,
         },
     ],
-    "forced": 3,
+    "forced_steps": 3,
 }
 
 
@@ -86,38 +87,38 @@ def test_nothing_is_wrong_with_an_honest_record(made):
 
 ROW, TRACE = ("requirements", 1), ("trace",)
 WRONG = {
-    "held and broken": (HELD, ("broken",), "because", ["g.broken"]),
-    "held and forced": (HELD, ("forced",), 1, ["g.forced"]),
-    "held and above": (HELD, (*ROW, "excess"), 0.1, ["g.requirements[1].excess"]),
-    "held with a kink": (HELD, (*ROW, "kinks"), 1, ["g.requirements[1].kinks"]),
-    "not held, no word": (FAILED, ("broken",), None, ["g.broken"]),
-    "an empty word": (FAILED, ("broken",), "", ["g.broken"]),
+    "hypotheses hold and a failure": (HELD, ("first_failure",), "because", ["g.first_failure"]),
+    "hypotheses hold and forced": (HELD, ("forced_steps",), 1, ["g.forced_steps"]),
+    "hypotheses hold and above": (HELD, (*ROW, "excess"), 0.1, ["g.requirements[1].excess"]),
+    "hypotheses hold with a kink": (HELD, (*ROW, "kink_points"), 1, ["g.requirements[1].kink_points"]),
+    "hypotheses do not hold, no word": (FAILED, ("first_failure",), None, ["g.first_failure"]),
+    "an empty word": (FAILED, ("first_failure",), "", ["g.first_failure"]),
     "another requirement is blamed": (
         FAILED,
-        ("broken",),
-        FAILED["broken"].replace("two was", "one was"),
-        ["g.broken"],
+        ("first_failure",),
+        FAILED["first_failure"].replace("two was", "one was"),
+        ["g.first_failure"],
     ),
-    "another excess is told": (FAILED, ("broken",), FAILED["broken"].replace("0.25", "0.26"), ["g.broken"]),
-    "other forced steps are told": (FAILED, ("broken",), FAILED["broken"].replace("3 ", "4 "), ["g.broken"]),
-    "no kink is told": (FAILED, ("broken",), FAILED["broken"].split(", two has")[0], ["g.broken"]),
+    "another excess is told": (FAILED, ("first_failure",), FAILED["first_failure"].replace("0.25", "0.26"), ["g.first_failure"]),
+    "other forced steps are told": (FAILED, ("first_failure",), FAILED["first_failure"].replace("3 ", "4 "), ["g.first_failure"]),
+    "no kink is told": (FAILED, ("first_failure",), FAILED["first_failure"].split(", two has")[0], ["g.first_failure"]),
     "more points than there are": (
         FAILED,
-        ("broken",),
+        ("first_failure",),
         "b did not meet its row of two at 12 points",
-        ["g.broken"],
+        ["g.first_failure"],
     ),
     "the excess hides the end": (HELD, (*ROW, "value"), 0.2, ["g.requirements[1].excess", "g.trace.value[2][1]"]),
-    "active too often": (HELD, (*ROW, "active"), 12, ["g.requirements[1].active"]),
-    "more forced than all": (FAILED, (*ROW, "forced"), 4, ["g.requirements[1].forced"]),
+    "active too often": (HELD, (*ROW, "active_points"), 12, ["g.requirements[1].active_points"]),
+    "more forced than all": (FAILED, (*ROW, "forced_steps"), 4, ["g.requirements[1].forced_steps"]),
     "forced by nobody": (FAILED, (*ROW, "forced_agents"), [], ["g.requirements[1].forced_agents"]),
     "forced by a stranger": (FAILED, (*ROW, "forced_agents"), ["c"], ["g.requirements[1].forced_agents[0]"]),
     "another requirement": (HELD, (*ROW, "name"), "three", ["g.requirements"]),
-    "active without effort": (HELD, ("effort",), 0.0, ["g.effort"]),
-    "effort though none had to act": (HELD, ("requirements", 0, "smallest_ell"), None, ["g.requirements"]),
+    "active without input": (HELD, ("largest_input_norm",), 0.0, ["g.largest_input_norm"]),
+    "input though none had to act": (HELD, ("requirements", 0, "smallest_ell_norm"), None, ["g.requirements"]),
     "tau falls": (HELD, (*TRACE, "tau"), [0.0, 0.0, 1.0], ["g.trace.tau"]),
     "tau ends early": (HELD, (*TRACE, "tau", 2), 0.9, ["g.trace.tau"]),
-    "more points than steps": (HELD, ("steps",), 1, ["g.trace.tau", "g.requirements[0].active"]),
+    "more points than steps": (HELD, ("steps",), 1, ["g.trace.tau", "g.requirements[0].active_points"]),
     "the trace ends otherwise": (HELD, (*TRACE, "value", 2, 0), -0.3, ["g.trace.value[2][0]"]),
     "its limit ends otherwise": (HELD, (*TRACE, "limit", 2, 0), 0.1, ["g.trace.limit[2][0]"]),
     "the trace is above": (HELD, (*TRACE, "value", 1, 0), 0.4, ["g.trace.value[1][0]"]),
@@ -134,7 +135,7 @@ def test_one_requirement_alone_has_nothing_opposed():
     alone = {**HELD, "requirements": HELD["requirements"][:1]}
     del alone["trace"]
     found = [wrong.field for wrong in check_generation(alone, "g", NAMES[:1], AGENTS)]
-    assert found == ["g.least_sine"]
+    assert found == ["g.least_opposed_sine"]
 
 
 def test_claims_have_a_reason_or_are_satisfied():
@@ -167,5 +168,5 @@ def test_the_first_difference_is_told():
 def test_what_is_not_verified_is_named_in_one_line():
     line = unverified_line({"seed": "", **{f"c.generation.{k}": v for k, v in RECORD.items()}})
     assert len(line.splitlines()) == 1
-    assert line.startswith("Not to be verified from the file: seed, c.generation.{broken (")
+    assert line.startswith("Not to be verified from the file: seed, c.generation.{first_failure (")
     assert line.endswith("trace (before its end)}.")

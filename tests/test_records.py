@@ -34,19 +34,20 @@ def generations(draw):
     requirement = {
         "name": TEXT,
         **dict.fromkeys(("value", "limit", "excess"), NUMBER),
-        "active": COUNT,
-        "smallest_ell": st.one_of(st.none(), SIZE),
+        "active_points": COUNT,
+        "smallest_ell_norm": st.one_of(st.none(), SIZE),
     }
     requirements = st.lists(st.fixed_dictionaries(requirement), min_size=rows, max_size=rows)
     return draw(
         st.fixed_dictionaries(
             {
-                "held": st.booleans(),
-                "broken": st.one_of(st.none(), TEXT),
+                "hypotheses_hold": st.booleans(),
+                "first_failure": st.one_of(st.none(), TEXT),
                 "requirements": requirements,
-                **dict.fromkeys(("steps", "refused", "forced"), COUNT),
-                "least_sine": st.one_of(st.none(), st.floats(0, 1)),
-                "effort": SIZE,
+                **dict.fromkeys(("steps", "refused_steps", "forced_steps"), COUNT),
+                "least_opposed_sine": st.one_of(st.none(), st.floats(0, 1)),
+                "largest_input_norm": SIZE,
+                "largest_step": SIZE,
             },
             optional={"trace": st.fixed_dictionaries(trace)},
         )
@@ -98,18 +99,19 @@ FIRST = {
     "value": 0.0,
     "limit": 0.2,
     "excess": -0.2,
-    "active": 1,
-    "smallest_ell": 0.03,
+    "active_points": 1,
+    "smallest_ell_norm": 0.03,
 }
 MADE = {
-    "held": False,
-    "broken": "laptop did not meet its row of balance at 2 points",
-    "requirements": [FIRST, {**FIRST, "name": "balance", "smallest_ell": None}],
+    "hypotheses_hold": False,
+    "first_failure": "laptop did not meet its row of balance at 2 points",
+    "requirements": [FIRST, {**FIRST, "name": "balance", "smallest_ell_norm": None}],
     "steps": 2,
-    "refused": 1,
-    "forced": 0,
-    "least_sine": 0.4,
-    "effort": 1.5,
+    "refused_steps": 1,
+    "forced_steps": 0,
+    "least_opposed_sine": 0.4,
+    "largest_input_norm": 1.5,
+    "largest_step": 1.5,
     "trace": TRACE,
 }
 GOOD = {
@@ -155,16 +157,56 @@ BAD = {
     "too many draws": (("draws",), 10_001, "draws", "lie in"),
     "generation as text": (("generation",), "fine", "generation", "object"),
     "unknown key of the generation": (("generation", "by"), 1, "generation.by", "unknown key"),
-    "held missing": (("generation", "held"), ABSENT, "generation.held", "missing"),
-    "held as a number": (("generation", "held"), 1, "generation.held", "true or false"),
-    "broken as a flag": (("generation", "broken"), True, "generation.broken", "text or null"),
+    "hypotheses missing": (
+        ("generation", "hypotheses_hold"),
+        ABSENT,
+        "generation.hypotheses_hold",
+        "missing",
+    ),
+    "hypotheses as a number": (
+        ("generation", "hypotheses_hold"),
+        1,
+        "generation.hypotheses_hold",
+        "true or false",
+    ),
+    "failure as a flag": (
+        ("generation", "first_failure"),
+        True,
+        "generation.first_failure",
+        "text or null",
+    ),
     "half a step": (("generation", "steps"), 1.5, "generation.steps", "integer"),
-    "steps taken back": (("generation", "refused"), -1, "generation.refused", "lie in"),
-    "forced as a flag": (("generation", "forced"), True, "generation.forced", "integer"),
-    "sine above one": (("generation", "least_sine"), 1.01, "generation.least_sine", "[0, 1]"),
-    "sine as text": (("generation", "least_sine"), "0", "generation.least_sine", "number"),
-    "effort below zero": (("generation", "effort"), -1, "generation.effort", "lie in"),
-    "effort as null": (("generation", "effort"), None, "generation.effort", "number"),
+    "steps taken back": (("generation", "refused_steps"), -1, "generation.refused_steps", "lie in"),
+    "forced as a flag": (
+        ("generation", "forced_steps"),
+        True,
+        "generation.forced_steps",
+        "integer",
+    ),
+    "sine above one": (
+        ("generation", "least_opposed_sine"),
+        1.01,
+        "generation.least_opposed_sine",
+        "[0, 1]",
+    ),
+    "sine as text": (
+        ("generation", "least_opposed_sine"),
+        "0",
+        "generation.least_opposed_sine",
+        "number",
+    ),
+    "input below zero": (
+        ("generation", "largest_input_norm"),
+        -1,
+        "generation.largest_input_norm",
+        "lie in",
+    ),
+    "input as null": (
+        ("generation", "largest_input_norm"),
+        None,
+        "generation.largest_input_norm",
+        "number",
+    ),
     "requirements as an object": (
         ("generation", "requirements"),
         {},
@@ -190,15 +232,15 @@ BAD = {
     "infinite value": ((*ROW, "value"), math.inf, "generation.requirements[1].value", "lie in"),
     "excess as a flag": ((*ROW, "excess"), False, "generation.requirements[1].excess", "number"),
     "active at half a point": (
-        (*ROW, "active"),
+        (*ROW, "active_points"),
         0.5,
-        "generation.requirements[1].active",
+        "generation.requirements[1].active_points",
         "integer",
     ),
     "a length below zero": (
-        (*ROW, "smallest_ell"),
+        (*ROW, "smallest_ell_norm"),
         -1e-9,
-        "generation.requirements[1].smallest_ell",
+        "generation.requirements[1].smallest_ell_norm",
         "lie in",
     ),
     "trace as a list": (("generation", "trace"), [], "generation.trace", "object"),
@@ -277,3 +319,64 @@ def test_what_is_wrong_is_named(what):
     assert caught.value.field == ".".join(filter(None, ("certificate", field)))
     assert word in caught.value.reason
     assert len(str(caught.value).splitlines()) == 1
+
+
+# Records of earlier versions
+
+NOW = {
+    "held": "hypotheses_hold",
+    "broken": "first_failure",
+    "refused": "refused_steps",
+    "forced": "forced_steps",
+    "least_sine": "least_opposed_sine",
+    "effort": "largest_input_norm",
+}
+NOW_OF_ROWS = {
+    "active": "active_points",
+    "smallest_ell": "smallest_ell_norm",
+    "forced": "forced_steps",
+    "kinks": "kink_points",
+}
+
+
+def with_old_names(record):
+    before, before_of_rows = (
+        {new: old for old, new in names.items()} for names in (NOW, NOW_OF_ROWS)
+    )
+    rows = [
+        {before_of_rows.get(key, key): value for key, value in row.items()}
+        for row in record["requirements"]
+    ]
+    return {before.get(key, key): value for key, value in {**record, "requirements": rows}.items()}
+
+
+def refusal(value):
+    with pytest.raises(InputError) as caught:
+        parse_certificate(read(value), "certificate")
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_a_record_of_an_earlier_version_is_refused_with_what_to_do():
+    text = refusal({**GOOD, "generation": with_old_names(MADE)})
+    assert text == (
+        "field `certificate.generation`: the record has names of an older version "
+        "(held, broken, refused, forced, least_sine, effort): rerun `generate`, or remove `generation` to certify "
+        "without the record"
+    )
+
+
+@pytest.mark.parametrize("old", NOW)
+def test_a_single_old_name_is_told(old):
+    record = {**MADE, old: MADE[NOW[old]]}
+    assert f"older version ({old})" in refusal({**GOOD, "generation": record})
+
+
+@pytest.mark.parametrize("old", NOW_OF_ROWS)
+def test_a_single_old_name_of_a_requirement_is_told(old):
+    record = {**MADE, "requirements": [FIRST, {**FIRST, "name": "balance", old: 0}]}
+    text = refusal({**GOOD, "generation": record})
+    assert text.startswith(
+        "field `certificate.generation.requirements[1]`: the record has names of an older version"
+    )
+    assert f"({old})" in text

@@ -77,7 +77,7 @@ def test_steps_equal_diffrax(name, guard, key):
         stepsize_controller=diffrax.StepTo(grid),
     ).ys[-1]
     np.testing.assert_allclose(out.z, expected, atol=1e-5)
-    assert int(out.work.refused) == 0
+    assert int(out.work.refused_steps) == 0
 
 
 @pytest.mark.parametrize(("solver", "order"), [(EULER, 1), (HEUN, 2), (RK4, 4)])
@@ -100,7 +100,7 @@ def test_a_guard_that_finds_nothing_changes_nothing():
     guidance = DecoupledGuidance((apart,))
     with jax.enable_x64(True):  # what rounding makes of a step would grow along edges
         fine, guarded = batch(guidance, None, 400), batch(guidance, StepGuard(), 400)
-    calm = np.asarray(guarded.work.refused) == 0
+    calm = np.asarray(guarded.work.refused_steps) == 0
     assert calm.any()
     np.testing.assert_allclose(np.asarray(guarded.z)[calm], np.asarray(fine.z)[calm], atol=1e-9)
     assert np.all(np.asarray(guarded.work.evaluations)[calm] == 401)
@@ -110,10 +110,10 @@ def test_a_guard_that_finds_nothing_changes_nothing():
 def test_every_accepted_point_is_below_its_limit_or_counted(solver):
     out = batch(DecoupledGuidance((apart,)), StepGuard(6), 100, solver)
     work, trace = jax.tree.map(np.asarray, (out.work, out.trace))
-    assert work.refused.sum() > 0  # the guard had something to do
+    assert work.refused_steps.sum() > 0  # the guard had something to do
     over = (trace.value > trace.limit).any(-1).sum(-1)
-    assert np.all(over <= work.forced)
-    kept = work.forced == 0
+    assert np.all(over <= work.forced_steps)
+    kept = work.forced_steps == 0
     assert kept.sum() >= 8
     # V(z(1)) <= buffer^2 / 2: every margin holds.
     least = jax.vmap(lambda z: jnp.min(margins(z, None)))(out.z)
@@ -126,7 +126,7 @@ def test_a_stiff_factor_is_kept_where_fixed_steps_break_it():
     fixed, guarded = batch(guidance, None, 12), batch(guidance, StepGuard(8), 12)
     ends = [jax.vmap(lambda z: wall(1.0, z, None))(out.z) for out in (fixed, guarded)]
     assert (ends[0] > 0).mean() > 0.2
-    kept = np.asarray(guarded.work.forced) == 0
+    kept = np.asarray(guarded.work.forced_steps) == 0
     assert kept.mean() > 0.9
     assert np.all(np.asarray(ends[1])[kept] <= 0)
 
@@ -144,9 +144,9 @@ def test_a_sample_in_a_batch_is_what_it_is_alone():
 
     keys = jax.random.split(jax.random.key(3), 16)
     together, alone = jax.jit(jax.vmap(run))(keys), [run(key) for key in keys]
-    refused = np.asarray(together.work.refused)
+    refused = np.asarray(together.work.refused_steps)
     assert len(set(refused.tolist())) > 1
-    np.testing.assert_array_equal(refused, [int(one.work.refused) for one in alone])
+    np.testing.assert_array_equal(refused, [int(one.work.refused_steps) for one in alone])
     np.testing.assert_allclose(together.z, np.array([one.z for one in alone]), atol=1e-3)
 
 
@@ -155,10 +155,10 @@ def test_a_guard_without_halvings_refuses_nothing_and_counts():
     guidance = DecoupledGuidance((SharedRequirements((SharedFactor(wall),)),))
     plain, counted = batch(guidance, None, 12), batch(guidance, StepGuard(0), 12)
     np.testing.assert_allclose(counted.z, plain.z, atol=1e-5)
-    np.testing.assert_array_equal(counted.work.refused, 0)
+    np.testing.assert_array_equal(counted.work.refused_steps, 0)
     np.testing.assert_array_equal(counted.work.evaluations, 13)
     over = (counted.trace.value > counted.trace.limit)[:, 1:].any(-1).sum(-1)  # no step led to z(0)
-    np.testing.assert_array_equal(counted.work.forced, over)
+    np.testing.assert_array_equal(counted.work.forced_steps, over)
     assert (over > 0).mean() > 0.2
     with pytest.raises(ValueError, match="`halvings` must not be negative"):
         StepGuard(-1)
@@ -186,9 +186,9 @@ def test_agents_that_stop_leave_their_share_to_the_others(requirement, key):
     tau = np.asarray(out.trace.tau)
     late = tau >= 0.3
     assert np.ptp(np.asarray(out.path)[late, 0], axis=0).max() == 0
-    assert np.all(np.asarray(out.trace.effort)[late, 0] == 0)
-    assert not np.any(out.trace.infeasible[:-1])  # no input follows the last point
-    assert int(out.work.forced) == 0
+    assert np.all(np.asarray(out.trace.input_norm)[late, 0] == 0)
+    assert not np.any(out.trace.qp_infeasible[:-1])  # no input follows the last point
+    assert int(out.work.forced_steps) == 0
     assert np.all(out.trace.value[-1] <= out.trace.limit[-1])
 
 
@@ -201,6 +201,6 @@ def test_who_takes_over_for_a_stopped_agent(allocation, can, key):
     state = guidance.init(z, None)
     drift = jnp.zeros_like(z)
     _, correction, report = guidance(state, jnp.asarray(0.5), z, drift, None, moving)
-    assert bool(report.infeasible[0]) != can
-    assert bool(report.able[0, 0]) == can
+    assert bool(report.qp_infeasible[0]) != can
+    assert bool(report.row_feasible[0, 0]) == can
     assert jnp.all(correction[0] == 0)

@@ -13,19 +13,19 @@ EPS = float(np.finfo(np.float32).eps)
 
 
 def reports(**changed):
-    """Nothing happens: values are one below their limits, everybody is able and at rest."""
+    """Nothing happens: values are one below their limits, every row is feasible and everybody at rest."""
     shape = (POINTS, ROWS, AGENTS)
     no = np.zeros(shape, bool)
     parts = {
         "value": np.zeros((POINTS, ROWS)),
         "bound": np.full((POINTS, ROWS), 0.5),
         "limit": np.ones((POINTS, ROWS)),
-        "able": np.ones(shape, bool),
-        "infeasible": np.zeros((POINTS, AGENTS), bool),
-        "effort": np.zeros((POINTS, AGENTS)),
-        "length": np.full(shape, np.inf),
+        "row_feasible": np.ones(shape, bool),
+        "qp_infeasible": np.zeros((POINTS, AGENTS), bool),
+        "input_norm": np.zeros((POINTS, AGENTS)),
+        "ell_norm": np.full(shape, np.inf),
         "active": no,
-        "sine": np.ones((POINTS, AGENTS)),
+        "opposed_sine": np.ones((POINTS, AGENTS)),
         "slope": np.zeros((POINTS, ROWS)),
         "contribution": np.zeros(shape),
         "drift_nan": np.zeros((POINTS, AGENTS), bool),
@@ -73,15 +73,15 @@ def summary(present=None, forced=(), over=(), kinks=(), refused=(), z=None, **ch
     return jax.jit(folded)(reports(**changed), present, *map(jnp.asarray, given))
 
 
-def test_where_nothing_happens_everything_held():
+def test_where_nothing_happens_the_hypotheses_hold():
     one = summary(value={(-1, 1): 0.25})
-    assert one.held
+    assert one.hypotheses_hold
     np.testing.assert_array_equal(one.value, [0.0, 0.25])
     np.testing.assert_array_equal(one.limit, [1.0, 1.0])
     np.testing.assert_array_equal(one.excess, [-1.0, -0.75])
-    np.testing.assert_array_equal(one.active, 0)
-    assert np.all(np.isinf(one.length))
-    assert one.sine == 1
+    np.testing.assert_array_equal(one.active_points, 0)
+    assert np.all(np.isinf(one.smallest_ell_norm))
+    assert one.least_opposed_sine == 1
     assert int(one.work.evaluations) == POINTS
 
 
@@ -90,7 +90,7 @@ def test_a_value_above_its_limit_at_any_point_is_found(point):
     """At tau = 1 too, and at the start."""
     one = summary(value={(point, 1): 1.125})
     np.testing.assert_array_equal(one.excess, [-1.0, 0.125])
-    assert not one.held
+    assert not one.hypotheses_hold
 
 
 def test_what_rounding_adds_to_the_first_point_is_left_out():
@@ -99,76 +99,76 @@ def test_what_rounding_adds_to_the_first_point_is_left_out():
     level = {(k, 0): 1.0 for k in range(POINTS)}
     first = summary(value=level | start)
     assert first.excess[0] == 0
-    assert first.held
-    assert not summary(value=level | {(0, 0): 1.0 + 16 * EPS}).held
-    assert not summary(value=level | {(1, 0): 1.0 + 2 * EPS}).held
+    assert first.hypotheses_hold
+    assert not summary(value=level | {(0, 0): 1.0 + 16 * EPS}).hypotheses_hold
+    assert not summary(value=level | {(1, 0): 1.0 + 2 * EPS}).hypotheses_hold
 
 
 def test_no_input_follows_the_last_point():
     at = (-1, 0, 1)
     last = summary(
-        able={at: False},
-        infeasible={(-1, 1): True},
-        effort={(-1, 1): np.nan, (0, 1): 2.0},
-        length={at: 0.1},
+        row_feasible={at: False},
+        qp_infeasible={(-1, 1): True},
+        input_norm={(-1, 1): np.nan, (0, 1): 2.0},
+        ell_norm={at: 0.1},
         active={at: True},
-        sine={(-1, 1): 0.1},
+        opposed_sine={(-1, 1): 0.1},
     )
-    assert last.held
-    np.testing.assert_array_equal(last.effort, [0.0, 2.0, 0.0])
-    np.testing.assert_array_equal(last.active, 0)
-    assert np.all(np.isinf(last.length))
-    assert last.sine == 1
+    assert last.hypotheses_hold
+    np.testing.assert_array_equal(last.largest_input_norm, [0.0, 2.0, 0.0])
+    np.testing.assert_array_equal(last.active_points, 0)
+    assert np.all(np.isinf(last.smallest_ell_norm))
+    assert last.least_opposed_sine == 1
 
 
 @pytest.mark.parametrize("point", range(POINTS - 1))
-@pytest.mark.parametrize("what", ["able", "infeasible"])
+@pytest.mark.parametrize("what", ["row_feasible", "qp_infeasible"])
 def test_failed_conditions_are_counted_where_they_failed(what, point):
-    stuck, infeasible = np.zeros((ROWS, AGENTS)), np.zeros(AGENTS)
-    if what == "able":
-        one = summary(able={(point, 1, 2): False})
-        stuck[1, 2] = 1
+    infeasible, qp_infeasible = np.zeros((ROWS, AGENTS)), np.zeros(AGENTS)
+    if what == "row_feasible":
+        one = summary(row_feasible={(point, 1, 2): False})
+        infeasible[1, 2] = 1
     else:
-        one = summary(infeasible={(point, 2): True})
-        infeasible[2] = 1
-    assert not one.held
-    np.testing.assert_array_equal(one.stuck, stuck)
-    np.testing.assert_array_equal(one.infeasible, infeasible)
+        one = summary(qp_infeasible={(point, 2): True})
+        qp_infeasible[2] = 1
+    assert not one.hypotheses_hold
+    np.testing.assert_array_equal(one.infeasible_points, infeasible)
+    np.testing.assert_array_equal(one.qp_infeasible_points, qp_infeasible)
 
 
 def test_figures_of_what_was_done():
     one = summary(
         active={(0, 0, 0): True, (0, 0, 1): True, (2, 0, 1): True, (1, 1, 2): True},
-        length={(0, 0, 0): 0.7, (2, 0, 1): 0.3, (1, 1, 2): 5.0},
-        effort={(0, 0): 1.5, (1, 0): 4.0, (2, 2): 2.0},
-        sine={(1, 0): 0.5, (2, 2): 0.25},
+        ell_norm={(0, 0, 0): 0.7, (2, 0, 1): 0.3, (1, 1, 2): 5.0},
+        input_norm={(0, 0): 1.5, (1, 0): 4.0, (2, 2): 2.0},
+        opposed_sine={(1, 0): 0.5, (2, 2): 0.25},
     )
-    np.testing.assert_array_equal(one.active, [2, 1])  # points, not agents
-    np.testing.assert_allclose(one.length, [0.3, 5.0])
-    np.testing.assert_array_equal(one.effort, [4.0, 0.0, 2.0])
-    assert one.sine == 0.25
-    assert one.held  # of its own none of this breaks anything
+    np.testing.assert_array_equal(one.active_points, [2, 1])  # points, not agents
+    np.testing.assert_allclose(one.smallest_ell_norm, [0.3, 5.0])
+    np.testing.assert_array_equal(one.largest_input_norm, [4.0, 0.0, 2.0])
+    assert one.least_opposed_sine == 0.25
+    assert one.hypotheses_hold  # of its own none of this breaks anything
 
 
 def test_agents_that_are_not_there_count_for_nothing():
     """Padding may report what it likes."""
     changed = {
-        "able": {(1, 0, 2): False},
-        "infeasible": {(1, 2): True},
-        "effort": {(1, 2): 9.0, (1, 1): 1.0},
-        "length": {(1, 0, 2): 0.01, (1, 0, 1): 0.5},
+        "row_feasible": {(1, 0, 2): False},
+        "qp_infeasible": {(1, 2): True},
+        "input_norm": {(1, 2): 9.0, (1, 1): 1.0},
+        "ell_norm": {(1, 0, 2): 0.01, (1, 0, 1): 0.5},
         "active": {(1, 0, 2): True},
-        "sine": {(1, 2): 0.01},
+        "opposed_sine": {(1, 2): 0.01},
     }
     one = summary(jnp.array([True, True, False]), **changed)
-    assert one.held
-    np.testing.assert_array_equal(one.effort, [0.0, 1.0, 0.0])
-    np.testing.assert_array_equal(one.active, 0)
-    np.testing.assert_array_equal(one.length, [0.5, np.inf])
-    assert one.sine == 1
+    assert one.hypotheses_hold
+    np.testing.assert_array_equal(one.largest_input_norm, [0.0, 1.0, 0.0])
+    np.testing.assert_array_equal(one.active_points, 0)
+    np.testing.assert_array_equal(one.smallest_ell_norm, [0.5, np.inf])
+    assert one.least_opposed_sine == 1
     everybody = summary(**changed)
-    assert not everybody.held
-    assert everybody.sine == pytest.approx(0.01)
+    assert not everybody.hypotheses_hold
+    assert everybody.least_opposed_sine == pytest.approx(0.01)
 
 
 @pytest.mark.parametrize("point", range(POINTS))
@@ -176,7 +176,7 @@ def test_agents_that_are_not_there_count_for_nothing():
 def test_what_is_not_a_number_is_above_its_limit(part, point):
     one = summary(**{part: {(point, 0): np.nan}})
     np.testing.assert_array_equal(one.excess, [np.inf, -1.0])
-    assert not one.held
+    assert not one.hypotheses_hold
 
 
 def test_a_step_that_was_forced_breaks_the_promise_and_names_whose_it_was():
@@ -186,29 +186,29 @@ def test_a_step_that_was_forced_breaks_the_promise_and_names_whose_it_was():
         over=[(1, 0), (2, 0)],
         contribution={(1, 0, 0): 4.0, (1, 0, 1): 2.5, (1, 0, 2): 1.0, (2, 0, 2): 1.0},
     )
-    assert not one.held
-    assert int(one.work.forced) == 2
-    np.testing.assert_array_equal(one.forced, [[1, 1, 1], [0, 0, 0]])
+    assert not one.hypotheses_hold
+    assert int(one.work.forced_steps) == 2
+    np.testing.assert_array_equal(one.forced_steps, [[1, 1, 1], [0, 0, 0]])
 
 
 def test_a_refused_point_counts_as_work_and_nothing_else():
     """Whatever it reports; the points on either side of it are the record's."""
     everything = {
         "value": {(1, 0): 9.0},
-        "able": {(1, 0, 0): False},
-        "infeasible": {(1, 0): True},
-        "effort": {(1, 0): 7.0},
-        "length": {(1, 0, 0): 1e-9},
+        "row_feasible": {(1, 0, 0): False},
+        "qp_infeasible": {(1, 0): True},
+        "input_norm": {(1, 0): 7.0},
+        "ell_norm": {(1, 0, 0): 1e-9},
         "active": {(1, 0, 0): True},
-        "sine": {(1, 0): 0.1},
+        "opposed_sine": {(1, 0): 0.1},
         "drift_nan": {(1, 0): True},
         "gradient_nan": {(1, 0, 0): True},
     }
     one, none = summary(refused=[1], **everything), summary(refused=[1])
-    assert one.held
+    assert one.hypotheses_hold
     for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(none), strict=True):
         np.testing.assert_array_equal(a, b)
-    assert (int(one.work.evaluations), int(one.work.refused), int(one.points)) == (4, 1, 3)
+    assert (int(one.work.evaluations), int(one.work.refused_steps), int(one.points)) == (4, 1, 3)
 
 
 def test_the_largest_step_is_of_one_agent_between_accepted_points():
@@ -227,7 +227,7 @@ def test_what_is_not_a_number_is_known_by_its_first_tau(what):
     inside = what in ("value_nan", "gradient_nan")
     at = {((k, 1, 2) if inside else (k, 2)): True for k in (1, 2)}
     one = summary(**{what: at})
-    assert not one.held
+    assert not one.hypotheses_hold
     assert one.not_a_number
     first = getattr(one.nan, what.removesuffix("_nan"))
     expected = np.full(first.shape, np.inf)
@@ -235,12 +235,12 @@ def test_what_is_not_a_number_is_known_by_its_first_tau(what):
     np.testing.assert_array_equal(first, expected)
 
 
-def test_a_point_without_a_gradient_is_not_held():
+def test_hypotheses_fail_at_a_point_without_a_gradient():
     one = summary(kinks=[(2, 1)])
-    assert not one.held
-    np.testing.assert_array_equal(one.kinks, [0, 1])
+    assert not one.hypotheses_hold
+    np.testing.assert_array_equal(one.kink_points, [0, 1])
 
 
 def test_many_at_once():
     both = jax.tree.map(lambda *leaves: jnp.stack(leaves), summary(), summary(value={(1, 0): 2.0}))
-    np.testing.assert_array_equal(both.held, [True, False])
+    np.testing.assert_array_equal(both.hypotheses_hold, [True, False])

@@ -10,7 +10,7 @@ from deggflow import Trajectory, certify, certify_batch
 from .draw import draw
 from .generated import epsilon, judge_rows, problem_rng
 from .spec import OBSTACLES, Private, Problem, Shared, random_private, random_shared, random_steps
-from .tally import judge_held, judge_verdicts
+from .tally import judge_hypotheses, judge_verdicts
 from .truth import exact, take, verdict
 from .wired import guidance_of, precision, program_of
 
@@ -43,7 +43,7 @@ def otherwise(problem):
 
 
 def play_tampered(case, problem, tally):
-    """The verdict follows what is certified, and nothing is said to have held that is not the end of its way."""
+    """The verdict follows what is certified, and hypotheses are never said to hold of what is not the end of its generation."""
     rng = case.rng()
     condition, z0, _, _ = draw(problem, rng, case.batch)
     asked = otherwise(problem) if case.number % 4 == 3 else problem
@@ -69,12 +69,12 @@ def play_tampered(case, problem, tally):
     path[:, -1] = z
     tau = made.trace.tau[0]
     labels = [CHANGES[c] + (", other numbers" if asked is not problem else "") for c in change]
-    held = judge_held(
+    hold = judge_hypotheses(
         tally, case, asked, tau, path, condition, None, said, epsilon(problem), labels=labels
     )
     same = ((z == made.summary.z) | (np.isnan(z) & np.isnan(made.summary.z))).all(axis=(1, 2))
-    for k in np.flatnonzero(held & ~same & (change < 4)):
-        tally.note("false held", case=case, sample=int(k), why=CHANGES[change[k]])
+    for k in np.flatnonzero(hold & ~same & (change < 4)):
+        tally.note("false hypotheses", case=case, sample=int(k), why=CHANGES[change[k]])
 
 
 def trajectories(kind, structure):
@@ -139,10 +139,10 @@ def play_trajectories(case, problem, tally):
         many = take(condition, [k])
         judge_verdicts(tally, case, problem, z[-1:], many, None, [said])
         eps = float(np.finfo(np.float64).eps)
-        held = judge_held(tally, case, problem, tau, z[None], many, None, [said], eps)
+        hold = judge_hypotheses(tally, case, problem, tau, z[None], many, None, [said], eps)
         single = np.array_equal(z.astype(np.float32), z, equal_nan=True)
         rounding = float(np.finfo(np.float32).eps) if single else eps
-        judge_rows(tally, case, problem, tau, z[None], many, None, held, rounding)
+        judge_rows(tally, case, problem, tau, z[None], many, None, hold, rounding)
         if not np.isfinite(z).all():
             continue
         # Files hold numbers up to 1e12; states that go farther have diverged.

@@ -19,11 +19,11 @@ from .spec import (
     random_shared,
     random_steps,
 )
-from .tally import judge_held, judge_verdicts
+from .tally import judge_hypotheses, judge_verdicts
 from .truth import exact, steepest_row, take
 from .wired import field, guidance_of, precision, program_of, steps_of, still
 
-ROWS = 32  # held samples of a case whose rows are worked out again
+ROWS = 32  # samples of a case whose hypotheses are said to hold and whose rows are worked out again
 
 
 @dataclass(frozen=True)
@@ -167,20 +167,20 @@ def play_batch(case, problem, tally):
         kept = np.unique(np.r_[0, np.linspace(0, len(tau) - 1, 15).astype(int), len(tau) - 1])
         tau, path = tau[kept], path[:, kept]
     eps = epsilon(problem)
-    held = judge_held(tally, case, problem, tau, path, condition, mask, said, eps, part)
-    judge_rows(tally, case, problem, tau, path, condition, mask, held, eps)
+    hold = judge_hypotheses(tally, case, problem, tau, path, condition, mask, said, eps, part)
+    judge_rows(tally, case, problem, tau, path, condition, mask, hold, eps)
     ends = np.isin(made.path[:, -1], made.z) | np.isnan(made.z)
     if not ends.all():
         tally.note("broken promises", case=case, why="path does not end in z")
 
 
-def judge_rows(tally, case, problem, tau, path, condition, mask, held, eps):
-    """Rows of explicit Euler steps with one private requirement, of a few samples that held."""
+def judge_rows(tally, case, problem, tau, path, condition, mask, hold, eps):
+    """Rows of explicit Euler steps with one private requirement, of a few samples whose hypotheses are said to hold."""
     (first, *more), plain = problem.requirements, problem.solver == "euler"
     plain &= problem.guard != "default" and not (problem.stops or problem.control)
     if more or not plain or not isinstance(first, Private) or "dots" in first.pieces:
         return
-    index = np.flatnonzero(held)[:ROWS]
+    index = np.flatnonzero(hold)[:ROWS]
     if not len(index):
         return
     asked, present = take(exact(condition), index), take(mask, index)
@@ -189,7 +189,9 @@ def judge_rows(tally, case, problem, tau, path, condition, mask, held, eps):
     tally.add("rows worked out", len(index))
     for k, excess in zip(index, over, strict=True):
         if excess > 0:
-            tally.note("false held", case=case, sample=int(k), why="a row", above=float(excess))
+            tally.note(
+                "false hypotheses", case=case, sample=int(k), why="a row", above=float(excess)
+            )
 
 
 def play_boundary(case, problem, tally):
@@ -246,7 +248,7 @@ def play_single(case, problem, tally, jitted=24, eager=1):
         many, present = take(condition, [k]), take(mask, [k])
         judge_verdicts(tally, case, problem, made.z[None], many, present, [said])
         tau, path = np.asarray(made.trace.tau), np.asarray(made.path)[None]
-        judge_held(tally, case, problem, tau, path, many, present, [said], epsilon(problem))
+        judge_hypotheses(tally, case, problem, tau, path, many, present, [said], epsilon(problem))
 
 
 def play_sample(case, problem, tally, max_draws=3):
@@ -282,7 +284,9 @@ def play_sample(case, problem, tally, max_draws=3):
     judge_verdicts(tally, case, problem, found.z, condition, masks, found.certificates)
     # Without a path: the end alone, where the limit is what it is whatever was before.
     end = np.ones(1), found.z[:, None]
-    judge_held(tally, case, problem, *end, condition, masks, found.certificates, epsilon(problem))
+    judge_hypotheses(
+        tally, case, problem, *end, condition, masks, found.certificates, epsilon(problem)
+    )
     refused = [k for k, each in enumerate(found.certificates) if not each.satisfied]
     if sorted(found.unmet) != refused or len(found) != case.batch:
         tally.note("broken promises", case=case, why="`unmet` are not those that are refused")

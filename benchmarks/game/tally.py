@@ -10,7 +10,7 @@ from .truth import above_limits, exact, scale_of, take, verdict
 TIE = 1e-14  # times the scale of a sample: margins as close to zero are ties
 BARS = (
     "false satisfied",
-    "false held",
+    "false hypotheses",
     "margins off",
     "broken promises",
     "errors missing",
@@ -86,14 +86,16 @@ def judge_verdicts(tally, case, problem, z, condition, mask, certificates):
     return least
 
 
-def judge_held(
+def judge_hypotheses(
     tally, case, problem, tau, path, condition, mask, certificates, eps, part=16, labels=None
 ):
-    """Looks at every sample that is said to have held: its values against limits of the judge's own."""
-    held = np.array([s.generation is not None and s.generation.held for s in certificates])
-    tally.add("held", held.sum())
-    for begin in range(0, len(held), part):
-        index = begin + np.flatnonzero(held[begin : begin + part])
+    """Looks at every sample whose hypotheses are said to hold: its values against limits of the judge's own."""
+    hold = np.array(
+        [s.generation is not None and s.generation.hypotheses_hold for s in certificates]
+    )
+    tally.add("hypotheses hold", hold.sum())
+    for begin in range(0, len(hold), part):
+        index = begin + np.flatnonzero(hold[begin : begin + part])
         if not len(index):
             continue
         way, asked = np.asarray(path[index], np.float64), take(exact(condition), index)
@@ -105,8 +107,8 @@ def judge_held(
             what = {"case": case, "sample": int(k)}
             if labels is not None:
                 what["which"] = labels[k]
-            if said.forced or said.broken is not None:
-                tally.note("false held", why="forced or broken", **what)
+            if said.forced_steps or said.first_failure is not None:
+                tally.note("false hypotheses", why="forced steps or a failure", **what)
             if excess > 0:
-                tally.note("false held", above=float(excess), **what)
-    return held
+                tally.note("false hypotheses", above=float(excess), **what)
+    return hold

@@ -31,5 +31,5 @@ def large_scenes(patience: Patience, quick: bool) -> Iterator[Row]:
     figures = {}
     for name, call in kept.items():
         made = call.result.records[0]
-        figures[name] = {"evaluations": float(made.steps + made.refused + 1)}
+        figures[name] = {"evaluations": float(made.steps + made.refused_steps + 1)}
     yield from rows_of(ways, times, figures)

@@ -2,7 +2,7 @@
 
 A certificate has two independent parts. The verdict is made in float64 on the finished sample, by every requirement of
 the guidance, and trusts nothing that happened on the way. The record says what did: every requirement's value against
-its limit, and whether the conditions of the theorems held at every accepted point.
+its limit, and whether the hypotheses of the theorems hold at every accepted point.
 """
 
 from collections.abc import Sequence
@@ -12,61 +12,99 @@ from typing import Any
 
 @dataclass(frozen=True)
 class RequirementVerdict:
-    """One requirement at the end, in float64."""
+    """One requirement at the end, in float64.
+
+    Attributes:
+        name: Of the requirement.
+        margin: Least margin, in the requirement's unit; negative where the requirement is violated.
+        reason: Who misses it by how much, if it is violated.
+    """
 
     name: str
-    margin: float  # least margin, in the requirement's unit; negative where it is broken
-    reason: str | None  # who misses it by how much, if it is broken
+    margin: float
+    reason: str | None
 
 
 @dataclass(frozen=True)
 class RequirementRecord:
-    """One requirement along a generation, V or q by its name."""
+    """One requirement along a generation, V or q by its name.
+
+    Attributes:
+        name: Of the requirement.
+        value: V or q at the last point.
+        limit: Its limit there.
+        excess: Greatest value - limit of all points; positive if the value was above its limit.
+        active_points: Points at which the requirement decided some agent's input.
+        smallest_ell_norm: Smallest |ell| of an agent that had to act; None if none had to.
+        forced_steps: Forced steps that left the value above its limit.
+        forced_agents: Agents to which these steps are ascribed.
+        kink_points: Points at which the requirement had no gradient.
+    """
 
     name: str
-    value: float  # at the last point
-    limit: float  # what it may be there
-    excess: float  # greatest value - limit of all points; positive where it was above
-    active: int  # points at which it decided some agent's input
-    smallest_ell: float | None  # least |ell| of an agent that had to act; None if none had to
-    forced: int = 0  # forced steps that left it above its limit
-    forced_agents: tuple[str, ...] = ()  # whose violation it was then
-    kinks: int = 0  # points at which it had no gradient
+    value: float
+    limit: float
+    excess: float
+    active_points: int
+    smallest_ell_norm: float | None
+    forced_steps: int = 0
+    forced_agents: tuple[str, ...] = ()
+    kink_points: int = 0
 
 
 @dataclass(frozen=True)
 class TraceRecord:
-    """Every requirement's value at every point, against what the theorem promises."""
+    """Every requirement's value at every point, against what the theorem promises.
+
+    Attributes:
+        tau: Increasing from 0 to 1.
+        value: V or q, points x requirements.
+        bound: What the theorem promises in continuous time, points x requirements.
+        limit: The most that a discrete step may reach, points x requirements.
+    """
 
     tau: tuple[float, ...]
-    value: tuple[tuple[float, ...], ...]  # points x requirements
-    bound: tuple[tuple[float, ...], ...]  # promised in continuous time
-    limit: tuple[tuple[float, ...], ...]  # what a discrete step may reach
+    value: tuple[tuple[float, ...], ...]
+    bound: tuple[tuple[float, ...], ...]
+    limit: tuple[tuple[float, ...], ...]
 
 
 @dataclass(frozen=True)
 class GenerationRecord:
-    """What happened in a generation, and whether the conditions of the theorems held all along."""
+    """What happened in a generation, and whether the hypotheses of the theorems hold along it.
 
-    held: bool  # rows feasible, conditions met, no value above its limit
-    broken: str | None  # the first of these that failed: where, and at which agent
+    Attributes:
+        hypotheses_hold: Whether rows were feasible, the theorems' hypotheses hold and no value was above its limit,
+            at every accepted point.
+        first_failure: The first of these that failed: where, and at which agent.
+        requirements: One record for each.
+        steps: Steps taken.
+        refused_steps: Steps that ended above a limit and were halved.
+        forced_steps: Steps that were taken although they ended above a limit.
+        least_opposed_sine: Least sine between two opposed rows of one agent; None if no rows were opposed.
+        largest_input_norm: Largest |u_i|.
+        largest_step: Greatest distance in z that an agent moved from one point to the next.
+        trace: Values at the points of the grid, if it was kept.
+    """
+
+    hypotheses_hold: bool
+    first_failure: str | None
     requirements: tuple[RequirementRecord, ...]
-    steps: int  # steps taken
-    refused: int  # steps that landed above a limit and were halved
-    forced: int  # steps taken although they landed above a limit
-    least_sine: float | None  # between two opposed rows of one agent; None if none were opposed
-    effort: float  # largest |u_i|
-    largest_step: float | None = None  # greatest distance in z between two points, of one agent
+    steps: int
+    refused_steps: int
+    forced_steps: int
+    least_opposed_sine: float | None
+    largest_input_norm: float
+    largest_step: float
     trace: TraceRecord | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """As it stands in a file; without what is not known, and without counts that are zero."""
+        """As it stands in a file; without a trace that was not kept, and without counts that are zero."""
         out = asdict(self)
-        for name in ("trace", "largest_step"):
-            if out[name] is None:
-                del out[name]
+        if self.trace is None:
+            del out["trace"]
         for each in out["requirements"]:
-            for name in ("forced", "forced_agents", "kinks"):
+            for name in ("forced_steps", "forced_agents", "kink_points"):
                 if not each[name]:
                     del each[name]
         return out
@@ -74,17 +112,25 @@ class GenerationRecord:
 
 @dataclass(frozen=True)
 class Certificate:
-    """The verdict on one sample, made in float64 on the decoded object, and the record of its generation."""
+    """The verdict on one sample, made in float64 on the decoded object, and the record of its generation.
+
+    Attributes:
+        satisfied: Whether every requirement holds.
+        min_margin: Least margin of all requirements, in their units; negative where one is violated.
+        violation: V at the end; of shared requirements, by how much q exceeds its end value.
+        draws: Initial samples tried, this one included.
+        reason: Which agent misses which requirement, if not satisfied.
+        generation: Record of the generation; None if no requirement guided it.
+        verdicts: One for each requirement.
+    """
 
     satisfied: bool
-    min_margin: (
-        float  # least margin of all requirements, in their units; negative where one is broken
-    )
-    violation: float  # V at the end; of shared requirements what q exceeds its end value by
-    draws: int  # initial samples tried, this one included
-    reason: str | None  # which agent and which requirement, if not satisfied
+    min_margin: float
+    violation: float
+    draws: int
+    reason: str | None
     generation: GenerationRecord | None = None
-    verdicts: tuple[RequirementVerdict, ...] = ()  # of each requirement
+    verdicts: tuple[RequirementVerdict, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """As it stands in a file; without `generation` and `verdicts` where none are kept."""
@@ -106,18 +152,22 @@ class Certificate:
         return "\n".join(lines + _record_lines(self.generation, margins))
 
 
-def _record_lines(made: GenerationRecord | None, margins: dict[str, str]) -> list[str]:
-    if made is None:
+def _record_lines(record: GenerationRecord | None, margins: dict[str, str]) -> list[str]:
+    if record is None:
         if not margins:
             return []
         table = columns([("requirement", "margin"), *margins.items()])
         return ["no record: no requirement guided this generation", *table]
-    sine = "no rows opposed" if made.least_sine is None else f"least sine {made.least_sine:.2g}"
-    points = count_points(made.steps + 1)
-    apart = "" if made.largest_step is None else f", at most {made.largest_step:.3g} apart"
-    held = f"held at all {points}{apart}" if made.held else f"did not hold: {made.broken}"
+    points = count_points(record.steps + 1)
+    if record.hypotheses_hold:
+        hypotheses = f"hold at all {points}, at most {record.largest_step:.3g} apart"
+    else:
+        hypotheses = f"do not hold: {record.first_failure}"
+    sine = "no opposed rows"
+    if record.least_opposed_sine is not None:
+        sine = f"least opposed sine {record.least_opposed_sine:.2g}"
     head: tuple[str, ...] = (
-        "requirement", "at the end", "limit", "most above", "active at", "least |ell|",
+        "requirement", "value at the end", "limit", "largest excess", "active at", "smallest |ell|",
     )  # fmt: skip
     rows: list[tuple[str, ...]] = [
         (
@@ -125,17 +175,20 @@ def _record_lines(made: GenerationRecord | None, margins: dict[str, str]) -> lis
             f"{each.value:.3g}",
             f"{each.limit:.3g}",
             f"{each.excess:.3g}",
-            count_points(each.active),
-            "-" if each.smallest_ell is None else f"{each.smallest_ell:.3g}",
+            count_points(each.active_points),
+            "-" if each.smallest_ell_norm is None else f"{each.smallest_ell_norm:.3g}",
         )
-        for each in made.requirements
+        for each in record.requirements
     ]
     if margins:  # tasks that judge the decoded object have theirs elsewhere
         head = (head[0], "margin", *head[1:])
         rows = [(row[0], margins.get(row[0], "-"), *row[1:]) for row in rows]
-    taken = f"{made.steps} steps, {made.refused} refused, {made.forced} forced"
-    lines = [f"conditions {held}", f"{taken}; {sine}; largest |u| {made.effort:.3g}"]
-    return lines + columns([head, *rows])
+    steps = f"{record.steps} steps, {record.refused_steps} refused, {record.forced_steps} forced"
+    return [
+        f"hypotheses {hypotheses}",
+        f"{steps}; {sine}; largest |u| {record.largest_input_norm:.3g}",
+        *columns([head, *rows]),
+    ]
 
 
 def count_points(count: Any) -> str:

@@ -23,7 +23,12 @@ SAME = 1e-3  # of the larger of values and limits: what float32 may make of them
 
 
 class Trajectory(NamedTuple):
-    """A generation made elsewhere: states at increasing values of tau."""
+    """A generation made elsewhere: states at increasing values of tau.
+
+    Attributes:
+        tau: Increasing from 0 to 1.
+        z: States there.
+    """
 
     tau: Float[np.ndarray, " points"]
     z: Float[np.ndarray, "points agents dim"]
@@ -63,7 +68,7 @@ def certify(
         >>> certificate = certify(generate(field, guidance, z0, condition), guidance, condition)
         >>> print(certificate.table())
         satisfied; least margin ...
-        conditions held at all ... points, at most ... apart
+        hypotheses hold at all ... points, at most ... apart
         ...
     """
     guidance = as_guidance(requirements)
@@ -78,8 +83,10 @@ def certify(
             f"`sample` must be one sample, z of shape (agents, dim); got {np.shape(sample.z)}: use `certify_batch`."
         )
     one, present = jax.tree.map(lambda leaf: np.asarray(leaf)[None], (sample, mask))
-    given = jax.tree.map(lambda leaf: leaf[None] if eqx.is_array(leaf) else leaf, _exact(condition))
-    return _certify_generations(one, present, guidance, given, agents, [draws], keep_trace)[0]
+    conditions = jax.tree.map(
+        lambda leaf: leaf[None] if eqx.is_array(leaf) else leaf, _exact(condition)
+    )
+    return _certify_generations(one, present, guidance, conditions, agents, [draws], keep_trace)[0]
 
 
 def certify_batch(
@@ -105,9 +112,9 @@ def certify_batch(
         )
     check_leading_axis(condition, len(samples.z))
     many, present = jax.tree.map(np.asarray, (samples, mask))
-    tried = [1] * len(samples.z) if draws is None else draws
+    counts = [1] * len(samples.z) if draws is None else draws
     return _certify_generations(
-        many, present, guidance, _exact(condition), agents, tried, keep_trace
+        many, present, guidance, _exact(condition), agents, counts, keep_trace
     )
 
 
@@ -146,8 +153,8 @@ def as_guidance(
     if isinstance(requirements, DecoupledGuidance):
         return requirements
     # One requirement without a tuple is refused by `DecoupledGuidance` itself.
-    given: Any = tuple(requirements) if isinstance(requirements, list) else requirements
-    return DecoupledGuidance(given)
+    items: Any = tuple(requirements) if isinstance(requirements, list) else requirements
+    return DecoupledGuidance(items)
 
 
 def _exact(condition: Any) -> Any:
@@ -181,10 +188,12 @@ def _certify_generations(
     numbers = requirement_numbers(guidance.requirements)
     out = []
     for k in range(len(samples.z)):
-        one, said = jax.tree.map(lambda leaf, k=k: leaf[k], (samples, judged))
+        one, verdict = jax.tree.map(lambda leaf, k=k: leaf[k], (samples, judged))
         present = None if mask is None else mask[k]
-        other = _made_otherwise(one, said, guidance, numbers)
-        out.append(_certificate(one, said, guidance, present, agents, draws[k], keep_trace, other))
+        other = _contradiction(one, verdict, guidance, numbers)
+        out.append(
+            _certificate(one, verdict, guidance, present, agents, draws[k], keep_trace, other)
+        )
     return out
 
 
@@ -203,10 +212,10 @@ def _judged(
         count = min(BATCHES[-1], len(z) - begin)
         index = begin + np.resize(np.arange(count), padded_batch(count))
         first, last = (np.asarray(each[index], np.float64) for each in (z0, z))
-        given = eqx.combine(jax.tree.map(lambda leaf, i=index: leaf[i], arrays), rest)
+        conditions = eqx.combine(jax.tree.map(lambda leaf, i=index: leaf[i], arrays), rest)
         with jax.enable_x64(True):
             here = None if mask is None else mask[index]
-            part = judge_many(guidance, first, last, given, here, kind)
+            part = judge_many(guidance, first, last, conditions, here, kind)
         parts.append(jax.tree.map(lambda leaf, n=count: np.asarray(leaf)[:n], part))
     return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
 
@@ -262,15 +271,13 @@ def _certify_trajectory(
     single = np.array_equal(z.astype(np.float32), z, equal_nan=True)
     kind = np.dtype(np.float32 if single else np.float64)
     eps, precision = np.asarray(np.finfo(str(kind)).eps, np.float64), np.asarray(PRECISION[kind])
-    given = _exact(condition)
-    alone = jax.tree.map(lambda leaf: leaf[None] if eqx.is_array(leaf) else leaf, given)
+    exact = _exact(condition)
+    alone = jax.tree.map(lambda leaf: leaf[None] if eqx.is_array(leaf) else leaf, exact)
     with jax.enable_x64(True):
-        made = follow(
-            guidance, tau, z, eps, precision, given, present
-        )  # fmt: skip
+        followed = follow(guidance, tau, z, eps, precision, exact, present)
     ends = z[:1], z[-1:], alone, None if present is None else present[None], z.dtype
     judged = jax.tree.map(lambda leaf: leaf[0], _judged(guidance, *ends))
-    summary, trace = jax.tree.map(np.asarray, (made.summary, made.trace))
+    summary, trace = jax.tree.map(np.asarray, (followed.summary, followed.trace))
     tables: Any = (tau, *trace)
     end: Any = z[-1]
     sample = Generation(end, summary, Trace(*tables), None)
@@ -311,42 +318,44 @@ def _certificate(
     names, summary = guidance.names, sample.summary
     _check_leaks(judged, names)
     verdicts = verdicts_of(judged.margins, guidance, agents)
-    lost = np.asarray(~np.isfinite(sample.z).all(axis=-1))
+    diverged = np.asarray(~np.isfinite(sample.z).all(axis=-1))
     if present is not None:
-        lost &= present
+        diverged &= present
     nominal = not summary.value.shape[-1]
-    made = None
+    generation = None
     if not nominal:
         if other is None:
             excess = np.maximum(summary.excess, judged.value - judged.limit)
             excess = np.where(np.isnan(excess), np.inf, excess)
             exact: Any = {"value": judged.value, "limit": judged.limit, "excess": excess}
             whole = summary._replace(**exact)
-            made = record(whole, names, agents, sample.trace if keep_trace else None)
+            generation = record(whole, names, agents, sample.trace if keep_trace else None)
         else:
-            made = foreign_record(summary, other)
+            generation = foreign_record(summary, other)
     reason = next(
         (each.reason for each in sorted(verdicts, key=lambda each: each.margin) if each.reason),
         None,
     )
     least = min(each.margin for each in verdicts)
-    called = agent_names(agents, len(lost))
-    if lost.any():
+    labels = agent_names(agents, len(diverged))
+    if diverged.any():
         # Margins of what is not finite may be anything: somebody at infinity is far from every obstacle.
-        least, reason = -1e12, f"z is not finite at {called[int(lost.argmax())]}"
-        if made is not None and made.held:
-            made = replace(made, held=False, broken=reason)
+        least, reason = -1e12, f"z is not finite at {labels[int(diverged.argmax())]}"
+        if generation is not None and generation.hypotheses_hold:
+            generation = replace(generation, hypotheses_hold=False, first_failure=reason)
     if reason is not None and bool(summary.not_a_number):
         rows = names if not nominal else ()
-        reason = f"{reason}; {not_a_number(summary.nan, rows, called)}"
+        reason = f"{reason}; {not_a_number(summary.nan, rows, labels)}"
     violation = sum(
         value if np.ndim(margin) else max(-margin, 0.0)
         for value, margin in zip(judged.value, judged.margins, strict=True)
     )
-    return Certificate(reason is None, least, finite(violation), draws, reason, made, verdicts)
+    return Certificate(
+        reason is None, least, finite(violation), draws, reason, generation, verdicts
+    )
 
 
-def _made_otherwise(
+def _contradiction(
     sample: Generation,
     judged: Judged,
     guidance: DecoupledGuidance,
@@ -361,10 +370,10 @@ def _made_otherwise(
         return "z is not the end of its generation"
     if not np.array_equal(summary.condition, judged.condition):
         return "the sample was generated under another condition"
-    was = summary.requirements  # none of a trajectory, and of guidance of a user's own
-    if len(was) == len(guidance.requirements):
-        for one, asked, each in zip(was, numbers, guidance.requirements, strict=True):
-            if one != asked and 0 not in (one, asked):
+    stored = summary.requirements  # none of a trajectory, and of guidance of a user's own
+    if len(stored) == len(guidance.requirements):
+        for one, other, each in zip(stored, numbers, guidance.requirements, strict=True):
+            if one != other and 0 not in (one, other):
                 return f"the sample was generated under other requirements: `{', '.join(each.names)}` is another"
     ends: Any = (
         (0, summary.z0, summary.first_value, judged.first_value, summary.first_limit, judged.first_limit),

@@ -12,19 +12,26 @@ from .guidance import AbstractGuidance, GuidanceReport
 from .identity import requirement_numbers
 from .solver import EULER, RungeKutta
 from .step_guard import GuardedSteps, SampleProgress, StepGuard, Velocity, finish
-from .trace import Point, Summary, Trace, Work, add_point, empty_summary, kept
+from .trace import Point, Summary, Trace, Work, add_point, empty_summary, traced
 
 DEFAULT_STEPS = 100
 GUARD = StepGuard()
 
 
 class Generation(NamedTuple):
-    """A generated sample."""
+    """A generated sample.
+
+    Attributes:
+        z: State at tau = 1.
+        summary: Of every accepted point.
+        trace: At the points of the grid; None if it was not kept.
+        path: z at every point of the grid; None if it was not kept.
+    """
 
     z: Float[Array, "agents dim"]
-    summary: Summary  # of every accepted point
-    trace: Trace | None  # at the grid points, unless it was not asked for
-    path: Float[Array, "points agents dim"] | None  # z at every grid point, if it was asked for
+    summary: Summary
+    trace: Trace | None
+    path: Float[Array, "points agents dim"] | None
 
     @property
     def work(self) -> Work:
@@ -89,10 +96,10 @@ def generate(
     velocity = _velocity(field, guidance, condition, mask, stops)
     state = guidance.init(z0, condition, mask)
     if guard is None or not guidance.names:
-        made = _fixed_steps(
+        generation = _fixed_steps(
             velocity, state, z0, condition, grid, solver, mask, keep_trace, keep_path
         )
-        return _signed(made, guidance)
+        return _signed(generation, guidance)
     steps = GuardedSteps(grid, solver, guard, keep_trace, keep_path)
     end = jax.lax.while_loop(
         steps.unfinished,
@@ -126,32 +133,32 @@ def generate_batch(
     z0, grid = _checked_start(z0, 3), _checked_grid(grid, z0)
     mask, stops = _per_agent("mask", mask, z0, bool), _per_agent("stops", stops, z0, z0.dtype)
     check_leading_axis(condition, len(z0))
-    given = (condition, mask, stops)
+    inputs = (condition, mask, stops)
     if guard is None or not guidance.names:
 
-        def fixed(z0: Float[Array, "agents dim"], given: tuple[Any, Any, Any]) -> Generation:
-            condition, mask, stops = given
+        def fixed(z0: Float[Array, "agents dim"], inputs: tuple[Any, Any, Any]) -> Generation:
+            condition, mask, stops = inputs
             velocity = _velocity(field, guidance, condition, mask, stops)
             state = guidance.init(z0, condition, mask)
             return _fixed_steps(
                 velocity, state, z0, condition, grid, solver, mask, keep_trace, keep_path
             )
 
-        return _signed(jax.vmap(fixed)(z0, given), guidance)
+        return _signed(jax.vmap(fixed)(z0, inputs), guidance)
     steps = GuardedSteps(grid, solver, guard, keep_trace, keep_path)
 
-    def start(z0: Float[Array, "agents dim"], given: tuple[Any, Any, Any]) -> SampleProgress:
-        condition, mask, stops = given
+    def start(z0: Float[Array, "agents dim"], inputs: tuple[Any, Any, Any]) -> SampleProgress:
+        condition, mask, stops = inputs
         state = guidance.init(z0, condition, mask)
         velocity = _velocity(field, guidance, condition, mask, stops)
         return steps.start(velocity, state, z0, condition)
 
-    def advance(given: tuple[Any, Any, Any], at: SampleProgress) -> SampleProgress:
-        condition, mask, stops = given
+    def advance(inputs: tuple[Any, Any, Any], at: SampleProgress) -> SampleProgress:
+        condition, mask, stops = inputs
         velocity = _velocity(field, guidance, condition, mask, stops)
         return steps.advance(velocity, guidance.on_forced_step, mask, at)
 
-    end = finish(steps, advance, given, jax.vmap(start)(z0, given))
+    end = finish(steps, advance, inputs, jax.vmap(start)(z0, inputs))
     return _signed(_generation(jnp.broadcast_to(grid, (len(z0), len(grid))), end), guidance)
 
 
@@ -160,12 +167,12 @@ def _generation(tau: Float[Array, "... points"], end: SampleProgress) -> Generat
     return Generation(end.z, end.summary, trace, end.path)
 
 
-def _signed(made: Generation, guidance: AbstractGuidance) -> Generation:
-    """With what tells by which requirements it was made."""
+def _signed(generation: Generation, guidance: AbstractGuidance) -> Generation:
+    """With the numbers of the requirements under which it was generated."""
     numbers = requirement_numbers(getattr(guidance, "requirements", ()))
-    shape = *made.summary.points.shape, len(numbers)
-    return made._replace(
-        summary=made.summary._replace(requirements=jnp.broadcast_to(numbers, shape))
+    shape = *generation.summary.points.shape, len(numbers)
+    return generation._replace(
+        summary=generation.summary._replace(requirements=jnp.broadcast_to(numbers, shape))
     )
 
 
@@ -217,10 +224,10 @@ def _fixed_steps(
         (state, z, summary), (tau, after, last) = at, span
         state, slope, report = velocity(state, tau, z)
         point = Point(tau, z, report, yes, no, nowhere, no, nowhere, last)
-        moved = solver.step(lambda t, x: velocity(state, t, x)[1], tau, z, slope, after - tau)
+        end = solver.step(lambda t, x: velocity(state, t, x)[1], tau, z, slope, after - tau)
         # No step follows tau = 1, where some fields are infinite.
-        ahead = state, jnp.where(last, z, moved), add_point(summary, point, mask)
-        return ahead, (kept(report) if keep_trace else None, z if keep_path else None)
+        ahead = state, jnp.where(last, z, end), add_point(summary, point, mask)
+        return ahead, (traced(report) if keep_trace else None, z if keep_path else None)
 
     spans = grid, jnp.append(grid[1:], grid[-1]), jnp.arange(len(grid)) == len(grid) - 1
     start = state, z0, empty_summary(grid, z0, condition, shapes.value.shape[0])
@@ -230,15 +237,15 @@ def _fixed_steps(
 
 def _checked_start(z0: Any, ndim: int) -> Array:
     """z(0) as an array of JAX."""
-    given = z0 if isinstance(z0, jax.Array | np.ndarray) else np.asarray(z0)
+    start = z0 if isinstance(z0, jax.Array | np.ndarray) else np.asarray(z0)
     shape = "(agents, dim)" if ndim == 2 else "(samples, agents, dim)"
-    if not jnp.issubdtype(given.dtype, jnp.floating):
-        raise TypeError(f"`z0` must be a floating-point array of shape {shape}; got {given.dtype}.")
-    if given.ndim != ndim or 0 in given.shape:
+    if not jnp.issubdtype(start.dtype, jnp.floating):
+        raise TypeError(f"`z0` must be a floating-point array of shape {shape}; got {start.dtype}.")
+    if start.ndim != ndim or 0 in start.shape:
         other = {2: " `generate` takes one sample.", 3: " `generate_batch` takes a batch."}
-        hint = other.get(given.ndim, "") if given.ndim != ndim else ""
-        raise ValueError(f"`z0` must have shape {shape}; got {given.shape}.{hint}")
-    return jnp.asarray(given)
+        hint = other.get(start.ndim, "") if start.ndim != ndim else ""
+        raise ValueError(f"`z0` must have shape {shape}; got {start.shape}.{hint}")
+    return jnp.asarray(start)
 
 
 def _checked_grid(grid: Any, z0: Any) -> Float[Array, " points"]:
@@ -272,16 +279,16 @@ def _per_agent(name: str, value: Any, z0: Any, dtype: Any) -> Array | None:
     """A value for each agent (and sample), in a type."""
     if value is None:
         return None
-    given = value if isinstance(value, jax.Array | np.ndarray) else np.asarray(value)
-    if dtype is bool and given.dtype != bool:
+    array = value if isinstance(value, jax.Array | np.ndarray) else np.asarray(value)
+    if dtype is bool and array.dtype != bool:
         raise TypeError(
-            f"`{name}` must be boolean, True for agents that are present; got {given.dtype}."
+            f"`{name}` must be boolean, True for agents that are present; got {array.dtype}."
         )
-    if given.shape != z0.shape[:-1]:
+    if array.shape != z0.shape[:-1]:
         raise ValueError(
-            f"`{name}` must have shape {z0.shape[:-1]}, one value for each agent; got {given.shape}."
+            f"`{name}` must have shape {z0.shape[:-1]}, one value for each agent; got {array.shape}."
         )
-    return jnp.asarray(given, dtype)
+    return jnp.asarray(array, dtype)
 
 
 def check_leading_axis(condition: Any, samples: int, name: str = "condition") -> None:

@@ -31,14 +31,14 @@ def requirement_numbers(requirements: Sequence[Any]) -> Integer[np.ndarray, " re
 
 
 def _number(value: Any) -> int:
-    found = sha256()
+    digest = sha256()
     try:
         for text in _parts(value, _DEPTH):
-            found.update(text)
-            found.update(b"\0")
+            digest.update(text)
+            digest.update(b"\0")
     except _UnknownError:
         return 0
-    return max(1, int.from_bytes(found.digest()[:4], "little"))
+    return max(1, int.from_bytes(digest.digest()[:4], "little"))
 
 
 def _parts(value: Any, depth: int) -> Iterator[bytes]:
@@ -106,8 +106,8 @@ def fingerprint(condition: Any, dtype: Any) -> Integer[Array, " leaves"]:
     A sum over the bits of all entries, with weights by their places, modulo 2^32; numbers are compared in the type of the
     states, in which the generation saw them.
     """
-    found = [_sum_of_bits(leaf, dtype) for leaf in jax.tree.leaves(condition) if _is_number(leaf)]
-    return jnp.stack(found) if found else jnp.zeros(0, jnp.uint32)
+    numbers = [_sum_of_bits(leaf, dtype) for leaf in jax.tree.leaves(condition) if _is_number(leaf)]
+    return jnp.stack(numbers) if numbers else jnp.zeros(0, jnp.uint32)
 
 
 def _is_number(leaf: Any) -> bool:

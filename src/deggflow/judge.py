@@ -9,11 +9,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Integer
 
 from .guidance import DecoupledGuidance, GuidanceReport
-from .guidance.decoupled import least_sine
+from .guidance.decoupled import opposed_sine
 from .guidance.report import not_finite
 from .guidance.requirement import Rows
 from .identity import fingerprint
-from .trace import Kept, Point, Summary, add_point, empty_summary, kept
+from .trace import Point, Summary, TracedReport, add_point, empty_summary, traced
 
 PRECISION = {np.dtype(np.float32): 1e-5, np.dtype(np.float64): 1e-9}
 """Of |ell| |dz/dtau| + |b|, by the type in which states were computed: rows met as closely are met."""
@@ -23,17 +23,25 @@ UNSMOOTH = 0.5  # by which the jump of a slope shrinks at most where there is a 
 
 
 class Judged(NamedTuple):
-    """One finished sample, by the requirements themselves."""
+    """One finished sample, judged by the requirements themselves.
 
-    margins: tuple[Float[Array, "..."], ...]  # as `AbstractRequirement.margins_at_end`
-    value: Float[Array, " rows"]  # V or q at tau = 1
-    limit: Float[Array, " rows"]  # what they may be there
-    first_value: Float[Array, " rows"]  # at z(0)
+    Attributes:
+        margins: As `AbstractRequirement.margins_at_end`.
+        value: V or q at tau = 1.
+        limit: Limit there.
+        first_value: V or q at z(0).
+        first_limit: Limit there.
+        leaks: Whether the states of absent agents change the verdict.
+        condition: `fingerprint` of the condition asked about, in the type in which a generation saw it.
+    """
+
+    margins: tuple[Float[Array, "..."], ...]
+    value: Float[Array, " rows"]
+    limit: Float[Array, " rows"]
+    first_value: Float[Array, " rows"]
     first_limit: Float[Array, " rows"]
-    leaks: Bool[Array, " rows"]  # whether the states of absent agents change the verdict
-    condition: Integer[
-        Array, " leaves"
-    ]  # `fingerprint` of the condition asked about, as a generation saw it
+    leaks: Bool[Array, " rows"]
+    condition: Integer[Array, " leaves"]
 
 
 def judge(
@@ -50,20 +58,27 @@ def judge(
     if mask is not None:
         # Absent agents somewhere else: nothing that is said of the others may change.
         steps = 1.0 + jnp.arange(z.size, dtype=z.dtype).reshape(z.shape) / z.size
-        known = jnp.isfinite(z)
-        far = 1.0 + jnp.max(jnp.where(known, jnp.abs(z), 0.0))
+        is_finite = jnp.isfinite(z)
+        far = 1.0 + jnp.max(jnp.where(is_finite, jnp.abs(z), 0.0))
         elsewhere = jnp.where(mask[:, None], z, steps * far)
-        moved = guidance.margins_at_end(elsewhere, condition, mask)
+        margins_elsewhere = guidance.margins_at_end(elsewhere, condition, mask)
         leaks = jnp.stack([
             jnp.any(~((a == b) | (jnp.isnan(a) & jnp.isnan(b))))
-            for a, b in zip(margins, moved, strict=True)
-        ]) & jnp.all(known | ~mask[:, None])  # fmt: skip
+            for a, b in zip(margins, margins_elsewhere, strict=True)
+        ]) & jnp.all(is_finite | ~mask[:, None])  # fmt: skip
     zero, one = jnp.zeros((), z.dtype), jnp.ones((), z.dtype)
     state = guidance.init(z0, condition, mask)
     first = guidance.rows(state, zero, z0, jnp.zeros_like(z0), condition, mask)
     last = guidance.rows(state, one, z, jnp.zeros_like(z), condition, mask)
-    seen = fingerprint(condition, dtype)
-    return Judged(margins, last.value, last.limit, first.value, first.limit, leaks, seen)
+    return Judged(
+        margins,
+        last.value,
+        last.limit,
+        first.value,
+        first.limit,
+        leaks,
+        fingerprint(condition, dtype),
+    )
 
 
 @eqx.filter_jit
@@ -87,10 +102,15 @@ def judge_many(
 
 
 class Followed(NamedTuple):
-    """A trajectory made elsewhere, as guidance would have reported it."""
+    """A trajectory made elsewhere, as guidance would have reported it.
+
+    Attributes:
+        summary: Of all its points.
+        trace: Of all its points; leaves have a leading axis of points.
+    """
 
     summary: Summary
-    trace: Kept
+    trace: TracedReport
 
 
 @eqx.filter_jit
@@ -128,19 +148,19 @@ def follow(
 
     def at(
         so_far: Summary, point: tuple[Array, Array, Array, Array, Array]
-    ) -> tuple[Summary, Kept]:
+    ) -> tuple[Summary, TracedReport]:
         tau, z, velocity, rounding, last = point
         rows = guidance.rows(state, tau, z, velocity, condition, mask)
-        length = jnp.linalg.norm(rows.ell, axis=-1)
+        ell_norm = jnp.linalg.norm(rows.ell, axis=-1)
         speed = jnp.linalg.norm(velocity, axis=-1)
-        room = length * (precision * speed + rounding)[None] + precision * jnp.abs(rows.b) + TINY
-        active = (jnp.abs(rows.b) <= room) & (length > 0)
-        report = _report(rows, velocity, rows.b <= room, length, active)
+        room = ell_norm * (precision * speed + rounding)[None] + precision * jnp.abs(rows.b) + TINY
+        active = (jnp.abs(rows.b) <= room) & (ell_norm > 0)
+        report = _report(rows, velocity, rows.b <= room, ell_norm, active)
         flat = jnp.zeros(len(guidance.names), bool)
         kinks = flat | _kinks(guidance, tau, z, velocity, condition, mask)
-        done = jnp.asarray(True)
-        made = Point(tau, z, report, done, ~done, flat, ~done, kinks & ~last, last)
-        return add_point(so_far, made, mask), kept(report)
+        yes, no = jnp.asarray(True), jnp.asarray(False)
+        here = Point(tau, z, report, yes, no, flat, no, kinks & ~last, last)
+        return add_point(so_far, here, mask), traced(report)
 
     points = jnp.arange(len(tau))
     start = empty_summary(tau, z[0], condition, len(guidance.names))
@@ -153,15 +173,16 @@ def _report(
     rows: Rows,
     velocity: Float[Array, "agents dim"],
     met: Bool[Array, "rows agents"],
-    length: Float[Array, "rows agents"],
+    ell_norm: Float[Array, "rows agents"],
     active: Bool[Array, "rows agents"],
 ) -> GuidanceReport:
     agents = len(velocity)
     nobody, none = jnp.zeros(agents, bool), jnp.zeros(agents, velocity.dtype)
     return GuidanceReport(
-        value=rows.value, bound=rows.bound, limit=rows.limit, able=met, infeasible=nobody,
-        effort=none, length=jnp.where(active, length, jnp.inf), active=active,
-        sine=least_sine(rows.ell, active), slope=rows.rate, contribution=rows.contribution,
+        value=rows.value, bound=rows.bound, limit=rows.limit, row_feasible=met,
+        qp_infeasible=nobody, input_norm=none, ell_norm=jnp.where(active, ell_norm, jnp.inf),
+        active=active, opposed_sine=opposed_sine(rows.ell, active), slope=rows.rate,
+        contribution=rows.contribution,
         drift_nan=not_finite(velocity), value_nan=rows.value_nan,
         gradient_nan=rows.gradient_nan, input_nan=nobody,
     )  # fmt: skip

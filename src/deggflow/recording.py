@@ -33,40 +33,46 @@ def record(
         agents: What to call the agents; "agent 0", ... if None.
         trace: Also kept, if given.
     """
-    made = jax.tree.map(np.asarray, summary)
-    called = agent_names(agents, made.stuck.shape[-1])
-    held, sine, work = bool(made.held), float(made.sine), made.work
+    summary = jax.tree.map(np.asarray, summary)
+    labels = agent_names(agents, summary.infeasible_points.shape[-1])
+    hold, sine, work = bool(summary.hypotheses_hold), summary.least_opposed_sine, summary.work
     return GenerationRecord(
-        held=held,
-        broken=None if held else _first_failure(made, names, called),
+        hypotheses_hold=hold,
+        first_failure=None if hold else _first_failure(summary, names, labels),
         requirements=tuple(
-            RequirementRecord(
-                name,
-                finite(made.value[k]),
-                finite(made.limit[k]),
-                finite(made.excess[k]),
-                int(made.active[k]),
-                finite(made.length[k]) if np.isfinite(made.length[k]) else None,
-                int(made.forced[k].max(initial=0)),
-                tuple(called[i] for i in np.flatnonzero(made.forced[k])),
-                int(made.kinks[k]),
-            )
-            for k, name in enumerate(names)
+            _requirement_record(summary, row, name, labels) for row, name in enumerate(names)
         ),
-        steps=int(made.points) - 1,
-        refused=int(work.refused),
-        forced=int(work.forced),
-        least_sine=sine if sine < 1 else None,
-        effort=finite(made.effort.max(initial=0.0)),
-        largest_step=finite(made.largest_step),
+        steps=int(summary.points) - 1,
+        refused_steps=int(work.refused_steps),
+        forced_steps=int(work.forced_steps),
+        least_opposed_sine=float(sine) if sine < 1 else None,
+        largest_input_norm=finite(np.max(summary.largest_input_norm, initial=0.0)),
+        largest_step=finite(summary.largest_step),
         trace=None if trace is None else _trace_record(trace),
+    )
+
+
+def _requirement_record(
+    summary: Summary, row: int, name: str, agents: Sequence[str]
+) -> RequirementRecord:
+    ell_norm, forced = summary.smallest_ell_norm[row], np.asarray(summary.forced_steps[row])
+    return RequirementRecord(
+        name,
+        value=finite(summary.value[row]),
+        limit=finite(summary.limit[row]),
+        excess=finite(summary.excess[row]),
+        active_points=int(summary.active_points[row]),
+        smallest_ell_norm=finite(ell_norm) if np.isfinite(ell_norm) else None,
+        forced_steps=int(forced.max(initial=0)),
+        forced_agents=tuple(agents[int(k)] for k in np.flatnonzero(forced)),
+        kink_points=int(summary.kink_points[row]),
     )
 
 
 def agent_names(agents: Sequence[str] | None, count: int) -> list[str]:
     """What agents are called; those without a name, by their number."""
-    given = list(agents or ())
-    return given + [f"agent {k}" for k in range(len(given), count)]
+    labels = list(agents or ())
+    return labels + [f"agent {k}" for k in range(len(labels), count)]
 
 
 def finite(value: Any) -> float:
@@ -83,50 +89,55 @@ def _trace_record(trace: Trace) -> TraceRecord:
     return TraceRecord(tau, rows(trace.value), rows(trace.bound), rows(trace.limit))
 
 
-def _first_failure(made: Any, names: Sequence[str], agents: Sequence[str]) -> str:
-    """The condition that failed first, in the order in which one leads to the next."""
-    if made.not_a_number:
-        return not_a_number(made.nan, names, agents)
-    if made.infeasible.any():
-        worst = int(made.infeasible.argmax())
-        return f"no input of {agents[worst]} met all its rows at {count_points(made.infeasible[worst])}"
-    if made.stuck.any():
-        row, agent = divmod(int(made.stuck.argmax()), made.stuck.shape[1])
-        count = count_points(made.stuck[row, agent])
+def _first_failure(summary: Any, names: Sequence[str], agents: Sequence[str]) -> str:
+    """The hypothesis that failed first, in the order in which one leads to the next."""
+    if summary.not_a_number:
+        return not_a_number(summary.nan, names, agents)
+    if summary.qp_infeasible_points.any():
+        agent = int(summary.qp_infeasible_points.argmax())
+        count = count_points(summary.qp_infeasible_points[agent])
+        return f"no input of {agents[agent]} met all its rows at {count}"
+    if summary.infeasible_points.any():
+        row, agent = divmod(int(summary.infeasible_points.argmax()), len(agents))
+        count = count_points(summary.infeasible_points[row, agent])
         return f"{agents[agent]} did not meet its row of {names[row]} at {count}"
-    row, forced = int(made.excess.argmax()), int(made.work.forced)
+    row, forced_steps = int(summary.excess.argmax()), int(summary.work.forced_steps)
     texts = []
-    if made.excess[row] > 0:
-        texts.append(f"{names[row]} was above its limit by {finite(made.excess[row]):.3g}")
-    if forced:
-        texts.append(f"{forced} steps were forced{_whose(made.forced, names, agents)}")
-    if made.kinks.any():
-        row = int(made.kinks.argmax())
-        texts.append(f"{names[row]} has no gradient (a kink) at {count_points(made.kinks[row])}")
-    if not made.ordered:
+    if summary.excess[row] > 0:
+        texts.append(f"{names[row]} was above its limit by {finite(summary.excess[row]):.3g}")
+    if forced_steps:
+        where = _forced_at(summary.forced_steps, names, agents)
+        texts.append(f"{forced_steps} steps were forced{where}")
+    if summary.kink_points.any():
+        row = int(summary.kink_points.argmax())
+        count = count_points(summary.kink_points[row])
+        texts.append(f"{names[row]} has no gradient (a kink) at {count}")
+    if not summary.ordered:
         texts.append("tau did not increase from each point to the next")
     return ", ".join(texts)
 
 
-def _whose(forced: np.ndarray, names: Sequence[str], agents: Sequence[str], most: int = 4) -> str:
-    """The requirements and agents at which forced steps were stuck."""
+def _forced_at(
+    forced_steps: np.ndarray, names: Sequence[str], agents: Sequence[str], most: int = 4
+) -> str:
+    """The requirements and agents to which forced steps are ascribed."""
     parts = []
-    for row in np.flatnonzero(forced.any(axis=1)):
-        order = np.argsort(-forced[row], kind="stable")
-        stuck = [agents[int(k)] for k in order if forced[row, k]]
-        more = f" and {len(stuck) - most} more" if len(stuck) > most else ""
-        parts.append(f"{names[int(row)]} at {', '.join(stuck[:most])}{more}")
+    for row in np.flatnonzero(forced_steps.any(axis=1)):
+        order = np.argsort(-forced_steps[row], kind="stable")
+        labels = [agents[int(k)] for k in order if forced_steps[row, k]]
+        more = f" and {len(labels) - most} more" if len(labels) > most else ""
+        parts.append(f"{names[int(row)]} at {', '.join(labels[:most])}{more}")
     return f": {'; '.join(parts)}" if parts else ""
 
 
 def not_a_number(nan: NotANumber, names: Sequence[str], agents: Sequence[str]) -> str:
     """What was not a number first; of the same point, what the rest was made of."""
-    found = []
+    places = []
     for rank, (what, first) in enumerate(zip(nan._fields, nan, strict=True)):
         if np.isfinite(first).any():
             row, agent = divmod(int(np.argmin(first)), first.shape[-1])
-            found.append((float(np.min(first)), rank, what, row, agent))
-    tau, _, what, row, agent = min(found)
+            places.append((float(np.min(first)), rank, what, row, agent))
+    tau, _, what, row, agent = min(places)
     name = names[row] if len(names) else ""
     text = {
         "drift": "the field is not a finite number",
@@ -141,9 +152,10 @@ def foreign_record(summary: Summary, why: str) -> GenerationRecord:
     """The record of a generation that says nothing of the requirements asked about."""
     work = summary.work
     return GenerationRecord(
-        held=False, broken=why, requirements=(), steps=int(summary.points) - 1,
-        refused=int(work.refused), forced=int(work.forced), least_sine=None,
-        effort=finite(np.max(summary.effort, initial=0.0)),
+        hypotheses_hold=False, first_failure=why, requirements=(),
+        steps=int(summary.points) - 1, refused_steps=int(work.refused_steps),
+        forced_steps=int(work.forced_steps), least_opposed_sine=None,
+        largest_input_norm=finite(np.max(summary.largest_input_norm, initial=0.0)),
         largest_step=finite(summary.largest_step),
     )  # fmt: skip
 
@@ -178,12 +190,12 @@ def _agents_verdict(
     labels: Sequence[str] | None,
     agents: Sequence[str] | None,
 ) -> RequirementVerdict:
-    known = np.where(np.isnan(margins), -np.inf, margins)
-    agent, column = divmod(int(known.argmin()), margins.shape[1])
+    numbers = np.where(np.isnan(margins), -np.inf, margins)
+    agent, column = divmod(int(numbers.argmin()), margins.shape[1])
     who = f"agent {agent}" if agents is None else agents[agent]
     if np.isnan(margins[agent, column]):
         return RequirementVerdict(name, -1e12, f"the margins of {name} are not a number at {who}")
-    least = finite(known[agent, column])
+    least = finite(numbers[agent, column])
     if least >= 0:
         return RequirementVerdict(name, least, None)
     which = "" if labels is None else f" ({labels[column]})"

@@ -1,5 +1,6 @@
 """Certificates and records of generations as they stand in files: what is accepted, and what is refused and why."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from .certificate import (
@@ -25,92 +26,115 @@ MAX_DRAWS = 10_000  # as `generate` allows
 MAX_STEPS = 10**9
 _ANY = 1e12  # for values, limits and margins
 
+# Keys of records in files of earlier versions; all of them have other names now.
+_OLD_OF_GENERATIONS = ("held", "broken", "refused", "forced", "least_sine", "effort")
+_OLD_OF_REQUIREMENTS = ("active", "smallest_ell", "forced", "kinks")
+
 
 def parse_certificate(value: Any, field: str) -> Certificate:
     """A certificate from its JSON object; raises `InputError` with the field."""
     keys = ("satisfied", "min_margin", "violation", "draws", "reason")
-    given = expect_object(value, field, (*keys, "generation", "verdicts"), keys)
-    made = given.get("generation")
+    line = expect_object(value, field, (*keys, "generation", "verdicts"), keys)
+    generation, verdicts = line.get("generation"), line.get("verdicts", [])
     return Certificate(
-        expect_flag(given["satisfied"], join(field, "satisfied")),
-        expect_number(given["min_margin"], join(field, "min_margin"), -_ANY, _ANY, ""),
-        expect_number(given["violation"], join(field, "violation"), -_ANY, _ANY, ""),
-        expect_integer(given["draws"], join(field, "draws"), 1, MAX_DRAWS),
-        expect_reason(given["reason"], join(field, "reason")),
-        None if made is None else parse_generation(made, join(field, "generation")),
+        expect_flag(line["satisfied"], join(field, "satisfied")),
+        expect_number(line["min_margin"], join(field, "min_margin"), -_ANY, _ANY, ""),
+        expect_number(line["violation"], join(field, "violation"), -_ANY, _ANY, ""),
+        expect_integer(line["draws"], join(field, "draws"), 1, MAX_DRAWS),
+        expect_reason(line["reason"], join(field, "reason")),
+        None if generation is None else parse_generation(generation, join(field, "generation")),
         tuple(
             _verdict(item, f"{field}.verdicts[{k}]")
-            for k, item in enumerate(
-                expect_list(given.get("verdicts", []), join(field, "verdicts"))
-            )
+            for k, item in enumerate(expect_list(verdicts, join(field, "verdicts")))
         ),
     )
 
 
 def _verdict(item: Any, field: str) -> RequirementVerdict:
     keys = ("name", "margin", "reason")
-    given = expect_object(item, field, keys, keys)
+    verdict = expect_object(item, field, keys, keys)
     return RequirementVerdict(
-        expect_text(given["name"], join(field, "name")),
-        expect_number(given["margin"], join(field, "margin"), -_ANY, _ANY, ""),
-        expect_reason(given["reason"], join(field, "reason")),
+        expect_text(verdict["name"], join(field, "name")),
+        expect_number(verdict["margin"], join(field, "margin"), -_ANY, _ANY, ""),
+        expect_reason(verdict["reason"], join(field, "reason")),
     )
 
 
 def parse_generation(value: Any, field: str) -> GenerationRecord:
     """A record of a generation from its JSON object; raises `InputError` with the field."""
-    counts = ("steps", "refused", "forced")
-    keys = ("held", "broken", "requirements", *counts, "least_sine", "effort")
-    # Files of earlier versions have no `largest_step`.
-    given = expect_object(value, field, (*keys, "largest_step", "trace"), keys)
-    requirements = expect_list(given["requirements"], join(field, "requirements"))
-    trace = given.get("trace")
-    steps, refused, forced = (
-        expect_integer(given[key], join(field, key), 0, MAX_STEPS) for key in counts
+    _refuse_old_names(value, field, _OLD_OF_GENERATIONS)
+    counts = ("steps", "refused_steps", "forced_steps")
+    sizes = ("least_opposed_sine", "largest_input_norm", "largest_step")
+    keys = ("hypotheses_hold", "first_failure", "requirements", *counts, *sizes)
+    record = expect_object(value, field, (*keys, "trace"), keys)
+    requirements = expect_list(record["requirements"], join(field, "requirements"))
+    trace = record.get("trace")
+    steps, refused_steps, forced_steps = (
+        expect_integer(record[key], join(field, key), 0, MAX_STEPS) for key in counts
+    )
+    sine, *norms = sizes
+    largest_input_norm, largest_step = (
+        expect_number(record[key], join(field, key), 0.0, _ANY, "") for key in norms
     )
     return GenerationRecord(
-        expect_flag(given["held"], join(field, "held")),
-        expect_reason(given["broken"], join(field, "broken")),
+        expect_flag(record["hypotheses_hold"], join(field, "hypotheses_hold")),
+        expect_reason(record["first_failure"], join(field, "first_failure")),
         tuple(
             _requirement(item, f"{field}.requirements[{k}]") for k, item in enumerate(requirements)
         ),
         steps,
-        refused,
-        forced,
-        _number_or_none(given["least_sine"], join(field, "least_sine"), 0.0, 1.0),
-        expect_number(given["effort"], join(field, "effort"), 0.0, _ANY, ""),
-        _number_or_none(given.get("largest_step"), join(field, "largest_step"), 0.0, _ANY),
+        refused_steps,
+        forced_steps,
+        _number_or_none(record[sine], join(field, sine), 0.0, 1.0),
+        largest_input_norm,
+        largest_step,
         None if trace is None else _trace(trace, join(field, "trace"), len(requirements)),
     )
 
 
 def _requirement(item: Any, field: str) -> RequirementRecord:
+    _refuse_old_names(item, field, _OLD_OF_REQUIREMENTS)
     numbers = ("value", "limit", "excess")
-    keys = ("name", *numbers, "active", "smallest_ell")
-    later = ("forced", "forced_agents", "kinks")  # files of earlier versions have none of them
-    given = expect_object(item, field, (*keys, *later), keys)
-    agents = expect_list(given.get("forced_agents", []), join(field, "forced_agents"))
+    keys = ("name", *numbers, "active_points", "smallest_ell_norm")
+    unless_zero = ("forced_steps", "forced_agents", "kink_points")
+    record = expect_object(item, field, (*keys, *unless_zero), keys)
+    agents = expect_list(record.get("forced_agents", []), join(field, "forced_agents"))
     value, limit, excess = (
-        expect_number(given[key], join(field, key), -_ANY, _ANY, "") for key in numbers
+        expect_number(record[key], join(field, key), -_ANY, _ANY, "") for key in numbers
     )
+    active_points, forced_steps, kink_points = (
+        expect_integer(record.get(key, 0), join(field, key), 0, MAX_STEPS)
+        for key in ("active_points", "forced_steps", "kink_points")
+    )
+    ell_norm = record["smallest_ell_norm"]
     return RequirementRecord(
-        expect_text(given["name"], join(field, "name")),
+        expect_text(record["name"], join(field, "name")),
         value,
         limit,
         excess,
-        expect_integer(given["active"], join(field, "active"), 0, MAX_STEPS),
-        _number_or_none(given["smallest_ell"], join(field, "smallest_ell"), 0.0, _ANY),
-        expect_integer(given.get("forced", 0), join(field, "forced"), 0, MAX_STEPS),
+        active_points,
+        _number_or_none(ell_norm, join(field, "smallest_ell_norm"), 0.0, _ANY),
+        forced_steps,
         tuple(expect_text(each, f"{field}.forced_agents[{k}]") for k, each in enumerate(agents)),
-        expect_integer(given.get("kinks", 0), join(field, "kinks"), 0, MAX_STEPS),
+        kink_points,
     )
+
+
+def _refuse_old_names(value: Any, field: str, names: Sequence[str]) -> None:
+    old = [name for name in names if isinstance(value, dict) and name in value]
+    if old:
+        raise InputError(
+            f"the record has names of an older version ({', '.join(old)}): rerun `generate`, "
+            "or remove `generation` to certify without the record",
+            field=field,
+        )
 
 
 def _trace(value: Any, field: str, rows: int) -> TraceRecord:
     parts = ("value", "bound", "limit")
-    given = expect_object(value, field, ("tau", *parts), ("tau", *parts))
-    tau = _numbers(given["tau"], join(field, "tau"))
-    tables = [_table(given[part], join(field, part), len(tau), rows) for part in parts]
+    trace = expect_object(value, field, ("tau", *parts), ("tau", *parts))
+    tau = _numbers(trace["tau"], join(field, "tau"))
+    tables = [_table(trace[part], join(field, part), len(tau), rows) for part in parts]
     return TraceRecord(tau, *tables)
 
 

@@ -9,20 +9,32 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Candidate(Generic[T]):
-    """A sample as it was drawn, and what its verdict says."""
+    """A sample as it was drawn, and its verdict.
+
+    Attributes:
+        sample: The sample.
+        satisfied: Whether the verdict accepts it.
+        margin: Of the candidates that are refused, the one with the greatest margin is kept.
+    """
 
     sample: T
     satisfied: bool
-    margin: float  # of those that are refused, the one with the greatest is kept
+    margin: float
 
 
 @dataclass(frozen=True)
 class Drawn(Generic[T]):
-    """What is kept of all draws of a sample."""
+    """What is kept of all draws of a sample.
+
+    Attributes:
+        sample: The first that is satisfied, else the closest.
+        satisfied: Whether the verdict accepts it.
+        draws: Number of draws that were made.
+    """
 
     sample: T
     satisfied: bool
-    draws: int  # that were made
+    draws: int
 
 
 Attempt = Callable[[Sequence[int], int], Sequence[Candidate[T]]]

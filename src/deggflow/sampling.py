@@ -28,13 +28,21 @@ Initial = Callable[[PRNGKeyArray, tuple[int, int]], Float[Array, "agents dim"]]
 
 
 class Progress(NamedTuple):
-    """How far `sample` has come."""
+    """How far `sample` has come.
 
-    draw: int  # number of the present draw, from 1
-    drawn: int  # samples of this draw that are made and judged
-    pending: int  # samples that this draw is of
-    satisfied: int  # samples satisfied so far, of all draws
-    wanted: int  # samples in all
+    Attributes:
+        draw: Number of the present draw, from 1.
+        completed: Samples of this draw that are generated and judged.
+        pending: All samples of this draw.
+        satisfied: Samples that are satisfied so far, of all draws.
+        total: Samples in all.
+    """
+
+    draw: int
+    completed: int
+    pending: int
+    satisfied: int
+    total: int
 
 
 @dataclass(frozen=True)
@@ -147,10 +155,10 @@ def sample(
             on_progress(Progress(number + 1, len(out), len(pending), satisfied, count))
         return out
 
-    drawn = redraw_until_satisfied(attempt, count, max_draws if guided else 1)
+    results = redraw_until_satisfied(attempt, count, max_draws if guided else 1)
     return Samples(
-        np.stack([each.sample.z for each in drawn]),
-        tuple(replace(each.sample.certificate, draws=each.draws) for each in drawn),
+        np.stack([each.sample.z for each in results]),
+        tuple(replace(each.sample.certificate, draws=each.draws) for each in results),
     )
 
 
@@ -180,10 +188,10 @@ def _check(count: int, shape: Any, condition: Any, conditions: Any, mask: Any, m
         raise ValueError(
             "`mask` is one for all samples, `masks` one for each: pass one of the two."
         )
-    for name, value, wanted in (("mask", mask, sizes[:1]), ("masks", masks, (count, sizes[0]))):
-        if value is not None and (np.shape(value) != wanted or np.asarray(value).dtype != bool):
+    for name, value, expected in (("mask", mask, sizes[:1]), ("masks", masks, (count, sizes[0]))):
+        if value is not None and (np.shape(value) != expected or np.asarray(value).dtype != bool):
             raise ValueError(
-                f"`{name}` must be boolean of shape {wanted}, True for agents that are present; got "
+                f"`{name}` must be boolean of shape {expected}, True for agents that are present; got "
                 f"{np.asarray(value).dtype} of {np.shape(value)}."
             )
     if conditions is not None:
@@ -219,19 +227,19 @@ class _Run(NamedTuple):
         parts = map_blocks(
             partial(self._block, draw), [numbers[part] for part in blocks(len(numbers))]
         )
-        made = jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
-        given = self._given(numbers)
+        generations = jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
+        conditions = self._conditions_of(numbers)
         masks = None if self.masks is None else self.masks[numbers]
         certificates = certify_batch(
-            made, self.judge, given, mask=masks, agents=self.agents,
+            generations, self.judge, conditions, mask=masks, agents=self.agents,
             draws=[draw + 1] * len(numbers), keep_trace=self.keep_trace,
         )  # fmt: skip
         return [
             Candidate(_Sample(z, each), each.satisfied, each.min_margin)
-            for z, each in zip(made.z, certificates, strict=True)
+            for z, each in zip(generations.z, certificates, strict=True)
         ]
 
-    def _given(self, numbers: Int[np.ndarray, " samples"]) -> Any:
+    def _conditions_of(self, numbers: Int[np.ndarray, " samples"]) -> Any:
         """Conditions of samples, with a leading axis."""
         if self.conditions is not None:
             return jax.tree.map(lambda leaf: np.asarray(leaf)[numbers], self.conditions)
@@ -241,13 +249,13 @@ class _Run(NamedTuple):
         )
 
     def _block(self, draw: int, numbers: Int[np.ndarray, " samples"]) -> Generation:
-        filled = np.resize(numbers, padded_batch(len(numbers)))
-        masks = None if self.masks is None else self.masks[filled]
-        made = _program(
-            self.field, self.guidance, self.key, filled, np.asarray(draw), self.shape, self.initial,
-            self._given(filled), masks, self.grid, self.solver, self.guard, self.keep_trace,
+        padded = np.resize(numbers, padded_batch(len(numbers)))
+        masks = None if self.masks is None else self.masks[padded]
+        generations = _program(
+            self.field, self.guidance, self.key, padded, np.asarray(draw), self.shape, self.initial,
+            self._conditions_of(padded), masks, self.grid, self.solver, self.guard, self.keep_trace,
         )  # fmt: skip
-        return jax.tree.map(lambda leaf: np.asarray(leaf)[: len(numbers)], made)
+        return jax.tree.map(lambda leaf: np.asarray(leaf)[: len(numbers)], generations)
 
 
 @eqx.filter_jit

@@ -13,12 +13,19 @@ Slope = Callable[[Float[Array, ""], State], State]
 
 @dataclass(frozen=True)
 class RungeKutta:
-    """An explicit scheme by its Butcher tableau."""
+    """An explicit scheme by its Butcher tableau.
+
+    Attributes:
+        name: Of the scheme.
+        nodes: c_2, c_3, ...
+        stages: a_2, a_3, ...
+        weights: b.
+    """
 
     name: str
-    nodes: tuple[float, ...]  # c_2, c_3, ...
-    stages: tuple[tuple[float, ...], ...]  # a_2, a_3, ...
-    weights: tuple[float, ...]  # b
+    nodes: tuple[float, ...]
+    stages: tuple[tuple[float, ...], ...]
+    weights: tuple[float, ...]
 
     def step(
         self, slope: Slope, tau: Float[Array, ""], z: State, first: State, size: Float[Array, ""]

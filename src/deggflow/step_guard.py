@@ -1,7 +1,7 @@
 """Step acceptance: after each step the discrete values are compared with the theorem's bounds.
 
-A step that lands above a limit is halved, from where it began, with the slope that is known there; after a
-few halvings between two grid points it is taken, counted, and the requirement told. Every sample has its own
+A step that ends above a limit is halved, from where it began, with the slope that is known there; after a
+few halvings between two grid points it is taken and counted, and the requirement is told. Every sample has its own
 clock: a batch goes on while one sample is halved, and the few that are not done when most are go on by themselves.
 """
 
@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .guidance import GuidanceReport
 from .solver import RungeKutta
-from .trace import Kept, Point, Summary, add_point, empty_summary, kept
+from .trace import Point, Summary, TracedReport, add_point, empty_summary, traced
 
 Velocity = Callable[
     [Any, Float[Array, ""], Float[Array, "agents dim"]],
@@ -34,7 +34,10 @@ UNSMOOTH = 0.5  # a smooth value rises against its slope by a part that halves w
 class StepGuard:
     """How often a step may be halved between two points of the grid.
 
-    With 0 no step is refused; those that land above a limit are counted, and requirements told, all the same.
+    Attributes:
+        halvings: Largest number of halvings; nonnegative.
+
+    With 0 no step is refused; those that end above a limit are counted, and requirements told, all the same.
     """
 
     halvings: int = 4
@@ -45,27 +48,53 @@ class StepGuard:
 
 
 class SampleProgress(NamedTuple):
-    """One sample under way: the last accepted point, and the point that a step proposes."""
+    """One sample under way: the last accepted point, and the point that a step proposes.
+
+    Attributes:
+        tau: Of the last accepted point, and so are the four that follow.
+        z: State there.
+        slope: dz/dtau there.
+        value: V or q of each row there.
+        value_slope: d value / d tau along `slope`.
+        proposed_tau: Of the proposed point.
+        proposed_z: State there.
+        goal: Index of the next grid point; beyond the grid where the sample is done.
+        left: Halvings left before that point.
+        refused_size: Size in tau of the first refused step before the next grid point.
+        unexpected: How much faster values rose in that step than their slopes said.
+        state: Of the guidance.
+        trace: At the grid points that were reached; None if it is not kept.
+        path: z at these points; None if it is not kept.
+        summary: Of the accepted points.
+    """
 
     tau: Float[Array, ""]
     z: Float[Array, "agents dim"]
     slope: Float[Array, "agents dim"]
     value: Float[Array, " rows"]
-    value_slope: Float[Array, " rows"]  # d value / d tau along `slope`
+    value_slope: Float[Array, " rows"]
     proposed_tau: Float[Array, ""]
     proposed_z: Float[Array, "agents dim"]
-    goal: Int[Array, ""]  # index of the grid point that comes next; beyond the grid: done
-    left: Int[Array, ""]  # halvings left before it
-    refused_size: Float[Array, ""]  # of the first refused step before the next grid point
-    unexpected: Float[Array, " rows"]  # how much faster values rose in it than their slopes said
-    state: Any  # of the guidance
-    trace: Kept | None  # at the grid points that were reached
+    goal: Int[Array, ""]
+    left: Int[Array, ""]
+    refused_size: Float[Array, ""]
+    unexpected: Float[Array, " rows"]
+    state: Any
+    trace: TracedReport | None
     path: Float[Array, "points agents dim"] | None
     summary: Summary
 
 
 class GuardedSteps(NamedTuple):
-    """How a sample is carried over the grid; each accepted point meets its limits, or is counted as forced."""
+    """How a sample is carried over the grid; each accepted point meets its limits, or is counted as forced.
+
+    Attributes:
+        grid: Values of tau from 0 to 1.
+        solver: Scheme.
+        guard: How often steps are halved.
+        keep_trace: Whether the trace is kept.
+        keep_path: Whether z is kept at every point of the grid.
+    """
 
     grid: Float[Array, " points"]
     solver: RungeKutta
@@ -81,7 +110,7 @@ class GuardedSteps(NamedTuple):
         none = jnp.zeros((), jnp.int32)
         *_, shapes = jax.eval_shape(velocity, state, tau, z0)
         row = jnp.zeros_like(shapes.value)
-        trace = jax.tree.map(lambda one: jnp.zeros((points, *one.shape), one.dtype), kept(shapes))
+        trace = jax.tree.map(lambda one: jnp.zeros((points, *one.shape), one.dtype), traced(shapes))
         return SampleProgress(
             tau=tau, z=z0, slope=jnp.zeros_like(z0), value=row, value_slope=row,
             proposed_tau=tau, proposed_z=z0, goal=none,
@@ -110,10 +139,10 @@ class GuardedSteps(NamedTuple):
         forced = accept & ~within
         reached = accept & (at.proposed_tau == self.grid[at.goal])
         goal = at.goal + reached
-        told = on_forced_step(then, at.proposed_tau, report.value, over)
+        recovered = on_forced_step(then, at.proposed_tau, report.value, over)
         state = jax.tree.map(
             lambda forced_on, on, old: jnp.where(forced, forced_on, jnp.where(accept, on, old)),
-            told, then, at.state,
+            recovered, then, at.state,
         )  # fmt: skip
         size = at.proposed_tau - at.tau
         unexpected = (report.value - at.value) / jnp.where(size > 0, size, 1.0) - at.value_slope
@@ -134,7 +163,9 @@ class GuardedSteps(NamedTuple):
         slope = jnp.where(accept, slope, at.slope)
         ahead = self.grid[jnp.minimum(goal, points - 1)]
         after = jnp.where(refuse, tau + size / 2, ahead)
-        moved = self.solver.step(lambda t, x: velocity(state, t, x)[1], tau, z, slope, after - tau)
+        proposed_z = self.solver.step(
+            lambda t, x: velocity(state, t, x)[1], tau, z, slope, after - tau
+        )
         spot = jnp.where(reached, at.goal, points)  # beyond the end: not written
         return SampleProgress(
             tau=tau,
@@ -143,14 +174,14 @@ class GuardedSteps(NamedTuple):
             value=jnp.where(accept, report.value, at.value),
             value_slope=jnp.where(accept, report.slope, at.value_slope),
             proposed_tau=after,
-            proposed_z=moved,
+            proposed_z=proposed_z,
             goal=goal,
             left=jnp.where(reached, self.guard.halvings, at.left - refuse),
             refused_size=jnp.where(first_refusal, size, at.refused_size),
             unexpected=jnp.where(first_refusal, unexpected, at.unexpected),
             state=state,
             trace=None if at.trace is None else jax.tree.map(
-                lambda before, new: before.at[spot].set(new), at.trace, kept(report)
+                lambda before, new: before.at[spot].set(new), at.trace, traced(report)
             ),
             path=None if at.path is None else at.path.at[spot].set(z),
             summary=add_point(at.summary, point, mask),
@@ -166,28 +197,28 @@ Advance = Callable[[Any, SampleProgress], SampleProgress]
 
 
 def finish(
-    steps: GuardedSteps, advance: Advance, given: Any, samples: SampleProgress
+    steps: GuardedSteps, advance: Advance, inputs: Any, samples: SampleProgress
 ) -> SampleProgress:
     """Carries a batch of samples to the end; the few that most of it would wait for are gathered and go on alone.
 
     Args:
         steps: Grid, scheme and guard.
         advance: One evaluation of one sample.
-        given: What each sample is conditioned on, with a leading axis of samples.
+        inputs: What each sample is conditioned on, with a leading axis of samples.
         samples: As `GuardedSteps.start` makes them, with a leading axis of samples.
     """
     few = samples.goal.shape[0] // LAST
 
-    def until(left: int, given: Any, samples: SampleProgress) -> SampleProgress:
+    def until(left: int, inputs: Any, samples: SampleProgress) -> SampleProgress:
         return jax.lax.while_loop(
             lambda samples: jnp.sum(steps.unfinished(samples)) > left,
-            lambda samples: jax.vmap(advance)(given, samples),
+            lambda samples: jax.vmap(advance)(inputs, samples),
             samples,
         )
 
-    samples = until(few, given, samples)
+    samples = until(few, inputs, samples)
     if not few:
         return samples
     last = jnp.argsort(samples.goal)[:few]  # all that are unfinished are among them
-    part = jax.tree.map(lambda leaf: leaf[last], (given, samples))
+    part = jax.tree.map(lambda leaf: leaf[last], (inputs, samples))
     return jax.tree.map(lambda leaf, new: leaf.at[last].set(new), samples, until(0, *part))

@@ -8,48 +8,73 @@ from jaxtyping import Array, Bool, Float, Int, Integer
 from .guidance import GuidanceReport
 from .identity import fingerprint
 
-BLAMED = (
-    0.5  # of the largest part of a value: whose part is as large is named where a step is forced
-)
+BLAMED = 0.5
+"""Of the largest contribution to a value: agents that contribute at least as much are named where a step is forced."""
 
 
 class Trace(NamedTuple):
-    """The generation at every grid point, tau = 1 included."""
+    """The generation at every grid point, tau = 1 included.
+
+    Attributes:
+        tau: Generative time.
+        value: V or q of each requirement.
+        bound: What the theorem promises of the value.
+        limit: The most that a discrete step may reach.
+        row_feasible: Whether the theorem's condition for a feasible row holds.
+        qp_infeasible: Whether no input of the agent meets all of its rows.
+        input_norm: |u_i|.
+        ell_norm: |ell| where the agent must act, else infinite.
+        active: Whether the row decides the agent's input.
+        opposed_sine: Least sine between two opposed rows that the agent must meet; 1 without such rows.
+    """
 
     tau: Float[Array, " points"]
-    value: Float[Array, "points rows"]  # V or q of each requirement
-    bound: Float[Array, "points rows"]  # what the theorem promises of it
-    limit: Float[Array, "points rows"]  # what a discrete step may reach
-    able: Bool[Array, "points rows agents"]  # the theorem's condition for a feasible row holds
-    infeasible: Bool[Array, "points agents"]  # this agent had no input that meets its rows
-    effort: Float[Array, "points agents"]  # |u_i|
-    length: Float[Array, "points rows agents"]  # |ell| where the agent must act, else infinite
-    active: Bool[Array, "points rows agents"]  # the row decides the agent's input
-    sine: Float[Array, "points agents"]  # least sine between opposed rows that must be met, else 1
+    value: Float[Array, "points rows"]
+    bound: Float[Array, "points rows"]
+    limit: Float[Array, "points rows"]
+    row_feasible: Bool[Array, "points rows agents"]
+    qp_infeasible: Bool[Array, "points agents"]
+    input_norm: Float[Array, "points agents"]
+    ell_norm: Float[Array, "points rows agents"]
+    active: Bool[Array, "points rows agents"]
+    opposed_sine: Float[Array, "points agents"]
 
 
-Kept = tuple[Any, ...]
-"""What a trace keeps of a `GuidanceReport`: its fields from `value` to `sine`."""
+TracedReport = tuple[Any, ...]
+"""The fields of a `GuidanceReport` that a trace holds, from `value` to `opposed_sine`."""
 
 
-def kept(report: GuidanceReport) -> Kept:
+def traced(report: GuidanceReport) -> TracedReport:
     """The part of a report that a trace holds."""
     return report[: len(Trace._fields) - 1]
 
 
 class Work(NamedTuple):
-    """What the generation took."""
+    """What the generation took.
 
-    evaluations: Int[Array, ""]  # of the guided field at the points that steps reached
-    refused: Int[Array, ""]  # steps that landed above a limit and were halved
-    forced: Int[Array, ""]  # steps that were taken although they landed above a limit
+    Attributes:
+        evaluations: Of the guided field, at the points that steps reached.
+        refused_steps: Steps that ended above a limit and were halved.
+        forced_steps: Steps that were taken although they ended above a limit.
+    """
+
+    evaluations: Int[Array, ""]
+    refused_steps: Int[Array, ""]
+    forced_steps: Int[Array, ""]
 
 
 class NotANumber(NamedTuple):
-    """The tau of the first accepted point at which something was not a number; infinite if there was none."""
+    """The tau of the first accepted point at which something was not a number; infinite if there was none.
 
-    drift: Float[Array, " agents"]  # the field; not finite
-    value: Float[Array, "rows agents"]  # V_j or q
+    Attributes:
+        drift: The field, where it is not finite.
+        value: V_j or q.
+        gradient: Of the value.
+        input: u_i.
+    """
+
+    drift: Float[Array, " agents"]
+    value: Float[Array, "rows agents"]
     gradient: Float[Array, "rows agents"]
     input: Float[Array, " agents"]
 
@@ -57,54 +82,76 @@ class NotANumber(NamedTuple):
 class Summary(NamedTuple):
     """Every accepted point of one generation in a few numbers, those between the grid's points included.
 
-    What is said of rows and inputs leaves out tau = 1, which no input follows, and agents that are absent.
+    Whatever concerns rows and inputs leaves out tau = 1, which no input follows, and agents that are absent.
+
+    Attributes:
+        requirements: Their `requirement_numbers`; none of a trajectory made elsewhere.
+        condition: Its `fingerprint`.
+        z0: Initial sample.
+        z: State at the last accepted point.
+        first_tau: tau of the first accepted point.
+        last_tau: tau of the last accepted point.
+        ordered: Whether the grid increases, and tau fell from no accepted point to the next.
+        points: Number of accepted points, z(0) included.
+        largest_step: Greatest distance in z that an agent moved from one point to the next.
+        first_value: V or q at the first point.
+        first_limit: Limit there.
+        value: V or q at the last accepted point.
+        limit: Limit there.
+        excess: Greatest value - limit.
+        active_points: Points at which the row decided some agent's input.
+        smallest_ell_norm: Smallest |ell| of an agent that had to act; infinite if none had to.
+        least_opposed_sine: Least sine between two opposed rows of one agent; 1 if there were none.
+        largest_input_norm: Largest |u_i|.
+        infeasible_points: Points at which the theorem's condition for a feasible row failed.
+        qp_infeasible_points: Points at which no input met all rows of the agent.
+        forced_steps: Forced steps that left the row above its limit, for each agent to which that is ascribed.
+        kink_points: Points at which the requirement had no gradient.
+        nan: Where something was not a number first.
+        work: What the generation took.
     """
 
-    requirements: Integer[
-        Array, " requirements"
-    ]  # their `requirement_numbers`; none of a trajectory made elsewhere
-    condition: Integer[Array, " leaves"]  # its `fingerprint`
+    requirements: Integer[Array, " requirements"]
+    condition: Integer[Array, " leaves"]
     z0: Float[Array, "agents dim"]
-    z: Float[Array, "agents dim"]  # at the last accepted point
+    z: Float[Array, "agents dim"]
     first_tau: Float[Array, ""]
     last_tau: Float[Array, ""]
-    ordered: Bool[Array, ""]  # the grid increases, and tau fell from no accepted point to the next
-    points: Int[Array, ""]  # accepted points, z(0) included
-    largest_step: Float[Array, ""]  # greatest distance in z that an agent went from one to the next
+    ordered: Bool[Array, ""]
+    points: Int[Array, ""]
+    largest_step: Float[Array, ""]
     first_value: Float[Array, " rows"]
     first_limit: Float[Array, " rows"]
-    value: Float[Array, " rows"]  # at the last accepted point
-    limit: Float[Array, " rows"]  # there
-    excess: Float[Array, " rows"]  # greatest value - limit
-    active: Int[Array, " rows"]  # points at which the row decided some agent's input
-    length: Float[
-        Array, " rows"
-    ]  # smallest |ell| of an agent that had to act; infinite if none had
-    sine: Float[Array, ""]  # least sine between opposed rows of one agent; 1 if there were none
-    effort: Float[Array, " agents"]  # largest |u_i|
-    stuck: Int[Array, "rows agents"]  # points at which the condition of a feasible row failed
-    infeasible: Int[Array, " agents"]  # points at which no input met all rows
-    forced: Int[
-        Array, "rows agents"
-    ]  # forced steps that left the row above its limit, by whose it was
-    kinks: Int[Array, " rows"]  # points at which the requirement had no gradient
+    value: Float[Array, " rows"]
+    limit: Float[Array, " rows"]
+    excess: Float[Array, " rows"]
+    active_points: Int[Array, " rows"]
+    smallest_ell_norm: Float[Array, " rows"]
+    least_opposed_sine: Float[Array, ""]
+    largest_input_norm: Float[Array, " agents"]
+    infeasible_points: Int[Array, "rows agents"]
+    qp_infeasible_points: Int[Array, " agents"]
+    forced_steps: Int[Array, "rows agents"]
+    kink_points: Int[Array, " rows"]
     nan: NotANumber
     work: Work
 
     @property
-    def held(self) -> Any:
-        """Whether rows were feasible, the theorems' conditions held, and no value was above its limit; one for each sample."""
+    def hypotheses_hold(self) -> Any:
+        """Whether the theorems' hypotheses hold at every point and no value is above its limit; one for each sample."""
         # Methods of the arrays themselves: thousands of records are made of numpy's, in Python.
-        met = (self.excess <= 0).all(axis=-1) & (self.work.forced == 0) & self.ordered
-        able = (self.stuck == 0).all(axis=(-2, -1)) & (self.kinks == 0).all(axis=-1)
-        return met & able & (self.infeasible == 0).all(axis=-1) & ~self.not_a_number
+        below = (self.excess <= 0).all(axis=-1) & (self.work.forced_steps == 0)
+        feasible = (self.infeasible_points == 0).all(axis=(-2, -1))
+        feasible &= (self.qp_infeasible_points == 0).all(axis=-1)
+        smooth = (self.kink_points == 0).all(axis=-1)
+        return below & feasible & smooth & self.ordered & ~self.not_a_number
 
     @property
     def not_a_number(self) -> Any:
         """Whether something was not a number; one for each sample."""
-        drift, value, gradient, given = self.nan
-        inside = (value < jnp.inf).any(axis=(-2, -1)) | (gradient < jnp.inf).any(axis=(-2, -1))
-        return inside | (drift < jnp.inf).any(axis=-1) | (given < jnp.inf).any(axis=-1)
+        drift, value, gradient, control = self.nan
+        of_rows = (value < jnp.inf).any(axis=(-2, -1)) | (gradient < jnp.inf).any(axis=(-2, -1))
+        return of_rows | (drift < jnp.inf).any(axis=-1) | (control < jnp.inf).any(axis=-1)
 
 
 def empty_summary(
@@ -123,26 +170,40 @@ def empty_summary(
         condition=fingerprint(condition, dtype), z0=z0, z=z0, first_tau=tau, last_tau=tau,
         ordered=jnp.all(jnp.diff(grid) > 0), points=count,
         largest_step=jnp.zeros((), dtype), first_value=row, first_limit=row, value=row, limit=row,
-        excess=row - jnp.inf, active=jnp.zeros(rows, jnp.int32), length=row + jnp.inf,
-        sine=jnp.ones((), dtype), effort=jnp.zeros(agents, dtype), stuck=nothing,
-        infeasible=jnp.zeros(agents, jnp.int32), forced=nothing, kinks=jnp.zeros(rows, jnp.int32),
+        excess=row - jnp.inf, active_points=jnp.zeros(rows, jnp.int32),
+        smallest_ell_norm=row + jnp.inf, least_opposed_sine=jnp.ones((), dtype),
+        largest_input_norm=jnp.zeros(agents, dtype), infeasible_points=nothing,
+        qp_infeasible_points=jnp.zeros(agents, jnp.int32), forced_steps=nothing,
+        kink_points=jnp.zeros(rows, jnp.int32),
         nan=NotANumber(never, pair + jnp.inf, pair + jnp.inf, never),
         work=Work(count, count, count),
     )  # fmt: skip
 
 
 class Point(NamedTuple):
-    """An evaluated point and what became of it."""
+    """An evaluated point and what became of it.
+
+    Attributes:
+        tau: Generative time.
+        z: State.
+        report: Of the guidance there.
+        accepted: Whether the step that led there was taken.
+        refused: Whether it was halved.
+        over: Which rows are above their limits.
+        forced: Whether the step was taken although some row is above its limit.
+        kinks: Which requirements have no gradient there.
+        last: Whether no input follows.
+    """
 
     tau: Float[Array, ""]
     z: Float[Array, "agents dim"]
     report: GuidanceReport
     accepted: Bool[Array, ""]
     refused: Bool[Array, ""]
-    over: Bool[Array, " rows"]  # rows above their limits
-    forced: Bool[Array, ""]  # accepted although some row is above its limit
+    over: Bool[Array, " rows"]
+    forced: Bool[Array, ""]
     kinks: Bool[Array, " rows"]
-    last: Bool[Array, ""]  # no input follows
+    last: Bool[Array, ""]
 
 
 def add_point(so_far: Summary, point: Point, mask: Bool[Array, " agents"] | None) -> Summary:
@@ -157,7 +218,7 @@ def add_point(so_far: Summary, point: Point, mask: Bool[Array, " agents"] | None
     start = 4 * jnp.finfo(excess.dtype).eps * jnp.abs(report.value)
     excess = jnp.where(first & (excess <= start), jnp.minimum(excess, 0.0), excess)
     excess = jnp.where(jnp.isnan(excess), jnp.inf, excess)
-    way = jnp.sqrt(jnp.max(jnp.where(here, jnp.sum((point.z - so_far.z) ** 2, axis=-1), 0.0)))
+    distance = jnp.sqrt(jnp.max(jnp.where(here, jnp.sum((point.z - so_far.z) ** 2, axis=-1), 0.0)))
     part = report.contribution
     blamed = part >= BLAMED * jnp.max(part, axis=-1, keepdims=True)
     blamed &= (point.forced & point.over)[:, None] & here[None]
@@ -177,22 +238,32 @@ def add_point(so_far: Summary, point: Point, mask: Bool[Array, " agents"] | None
         last_tau=when(new, tau, so_far.last_tau),
         ordered=so_far.ordered & (~new | first | (tau >= so_far.last_tau)),
         points=so_far.points + new,
-        largest_step=when(new & ~first, jnp.maximum(so_far.largest_step, way), so_far.largest_step),
+        largest_step=when(
+            new & ~first, jnp.maximum(so_far.largest_step, distance), so_far.largest_step
+        ),
         first_value=when(new & first, report.value, so_far.first_value),
         first_limit=when(new & first, report.limit, so_far.first_limit),
         value=when(new, report.value, so_far.value),
         limit=when(new, report.limit, so_far.limit),
         excess=when(new, jnp.maximum(so_far.excess, excess), so_far.excess),
-        active=so_far.active + jnp.any(report.active & at_rows, axis=-1),
-        length=jnp.minimum(
-            so_far.length, jnp.min(jnp.where(at_rows, report.length, jnp.inf), axis=-1)
+        active_points=so_far.active_points + jnp.any(report.active & at_rows, axis=-1),
+        smallest_ell_norm=jnp.minimum(
+            so_far.smallest_ell_norm,
+            jnp.min(jnp.where(at_rows, report.ell_norm, jnp.inf), axis=-1),
         ),
-        sine=jnp.minimum(so_far.sine, jnp.min(jnp.where(acts & here, report.sine, 1.0))),
-        effort=when(acts & here, jnp.maximum(so_far.effort, report.effort), so_far.effort),
-        stuck=so_far.stuck + (~report.able & at_rows),
-        infeasible=so_far.infeasible + (report.infeasible & acts & here),
-        forced=so_far.forced + blamed,
-        kinks=so_far.kinks + (point.kinks & new),
+        least_opposed_sine=jnp.minimum(
+            so_far.least_opposed_sine,
+            jnp.min(jnp.where(acts & here, report.opposed_sine, 1.0)),
+        ),
+        largest_input_norm=when(
+            acts & here,
+            jnp.maximum(so_far.largest_input_norm, report.input_norm),
+            so_far.largest_input_norm,
+        ),
+        infeasible_points=so_far.infeasible_points + (~report.row_feasible & at_rows),
+        qp_infeasible_points=so_far.qp_infeasible_points + (report.qp_infeasible & acts & here),
+        forced_steps=so_far.forced_steps + blamed,
+        kink_points=so_far.kink_points + (point.kinks & new),
         nan=NotANumber(
             earliest(so_far.nan.drift, report.drift_nan, acts & here),
             earliest(so_far.nan.value, report.value_nan, new & here[None]),
@@ -201,7 +272,7 @@ def add_point(so_far: Summary, point: Point, mask: Bool[Array, " agents"] | None
         ),
         work=Work(
             so_far.work.evaluations + (new | point.refused),
-            so_far.work.refused + point.refused,
-            so_far.work.forced + point.forced,
+            so_far.work.refused_steps + point.refused,
+            so_far.work.forced_steps + point.forced,
         ),
     )

@@ -137,7 +137,7 @@ def test_trials_are_certified_anew(trials, inside):
     # A line for each policy, with the names of its columns above.
     for policy in rows[0]["certificate"]["policies"]:
         assert f"{policy['q_task']:.4f}" in good.stdout
-    assert all(name in good.stdout for name in ("q_task", "bound", "q_safe", "conditions held"))
+    assert all(name in good.stdout for name in ("q_task", "bound", "q_safe", "hypotheses hold"))
     quiet = inside("bridge", "certify", trials, "--quiet")
     assert (quiet.returncode, quiet.stdout.strip()) == (3, totals(2, 0, *rows))
 

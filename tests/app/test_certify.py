@@ -124,7 +124,10 @@ def test_what_no_file_can_show_is_named_in_one_line(inside, tmp_path):
     path = conditions(tmp_path / "s.jsonl", scene())
     named = inside("tabletop", "certify", path).stdout.splitlines()[-2]
     assert named.startswith("Not to be verified from the file: condition (but by --conditions), ")
-    assert all(name in named for name in ("seed", "certificate.draws", "least_sine", "effort"))
+    assert all(
+        name in named
+        for name in ("seed", "certificate.draws", "least_opposed_sine", "largest_input_norm")
+    )
 
 
 def test_text_of_a_file_does_not_move_the_cursor(inside, tmp_path):

@@ -245,7 +245,7 @@ def test_a_trace_is_kept_with_every_requirement(inside, tmp_path):
     found = inside("tabletop", "certify", "s.jsonl")
     assert found.returncode == 0
     assert all(name in found.stdout for name in names)
-    assert "conditions held at all " in found.stdout or not made["held"]
+    assert "hypotheses hold at all " in found.stdout or not made["hypotheses_hold"]
     other = inside("tabletop", "generate", *arguments[:4], "--seed", 2, "--out", "s.jsonl")
     assert other.returncode == 2
     assert "begun with trace = true, not false" in other.stderr

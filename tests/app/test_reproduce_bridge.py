@@ -196,7 +196,7 @@ def test_q_task_is_under_the_papers_bound_and_ends_where_the_certificate_says(pr
         assert beta[0] == pytest.approx(max(q[0] + 0.02, beta[-1] + 0.02), abs=1e-5)
         np.testing.assert_allclose(beta, quintic(tau, beta[0], beta[-1]), atol=1e-5)
         assert row["q_safe"][-1] == pytest.approx(record.q_safe, abs=1e-3)
-        if row["held"]:
+        if row["hypotheses_hold"]:
             assert (q <= beta + 1e-6).all()
 
 

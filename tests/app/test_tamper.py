@@ -42,8 +42,14 @@ def test_what_is_not_named_must_be_found():
     named = {"seed": "", "a.generation": "", "a.generation.steps": "", "a.trace": ""}
     for name in ("seed", "a.generation", "a.generation.steps", "a.trace.tau[]", "a.trace[]"):
         assert tamper.is_named(name, named)
-    for name in ("seeds", "a", "a.generation.held", "a.generation.steps_", "b.generation"):
+    for name in (
+        "seeds",
+        "a",
+        "a.generation.hypotheses_hold",
+        "a.generation.steps_",
+        "b.generation",
+    ):
         assert not tamper.is_named(name, named)
-    row = tamper.Row("a.held", changes=1, unfound=["true -> false"])
+    row = tamper.Row("a.hypotheses_hold", changes=1, unfound=["true -> false"])
     kind = tamper.SCENE._replace(unverified=named)
     assert tamper.passing(kind, [row]) == ["scene: true -> false"]

@@ -186,4 +186,4 @@ def test_agents_that_have_stopped_get_no_input():
     _, u, report = JOINT(None, jnp.float32(0.0), z, jnp.zeros_like(z), None, moving)
     assert float(jnp.abs(u[0]).sum()) > 0
     assert np.array_equal(u[1], [0.0, 0.0])
-    assert np.asarray(report.effort) == pytest.approx(np.linalg.norm(np.asarray(u), axis=-1))
+    assert np.asarray(report.input_norm) == pytest.approx(np.linalg.norm(np.asarray(u), axis=-1))

@@ -357,7 +357,7 @@ def test_the_example_trains_a_model_and_keeps_what_is_asked(capsys):
     assert int(nominal) < 50
     assert int(guided) == 60
     assert "satisfied; least margin" in text
-    assert "conditions held at all " in text
+    assert "hypotheses hold at all " in text
 
 
 # Networks of ours in PyTorch

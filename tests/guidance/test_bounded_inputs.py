@@ -165,7 +165,7 @@ def test_inputs_are_no_longer_than_the_theorem_says(factors):
     case, longest, free = instance(factors)
     size, report = inputs(factors, case, AdaptiveShares())
     # Where all directions vanish, u = -f_i is the only input that meets the rows: rounding says if it is found.
-    assert not report.infeasible[free].any()
+    assert not report.qp_infeasible[free].any()
     assert free.mean() > 0.7
     blend = BLEND if factors == 1 else 0.0
     assert np.all(size <= longest * (1 + blend + 1e-7))

@@ -33,7 +33,7 @@ def test_rows_hold_for_any_control_map_and_metric(key):
     u = jnp.stack([jnp.linalg.lstsq(g[i], correction[i])[0] for i in range(AGENTS)])
     np.testing.assert_allclose(jnp.einsum("adm,am->ad", g, u), correction, atol=1e-3)
     slack = jnp.sum(rows.ell[0] * u, axis=1) + rows.b[0]
-    assert jnp.all(slack[~report.infeasible] <= 1e-3 * (1 + jnp.abs(rows.b[0])))
+    assert jnp.all(slack[~report.qp_infeasible] <= 1e-3 * (1 + jnp.abs(rows.b[0])))
     # Where an agent acts, its input is along H^-1 ell: no smaller one (in H) meets the row.
     for i in range(AGENTS):
         along = jnp.linalg.solve(metric, rows.ell[0, i])
@@ -51,7 +51,7 @@ def test_two_requirements_stand_in_one_generation(key):
     assert report.value.shape == (2,)
     rows = jax.jit(lambda z: guidance.rows(state, tau, z, drift, None))(z)
     assert rows.b.shape == (2, AGENTS)
-    assert not report.infeasible.any()
+    assert not report.qp_infeasible.any()
     slack = jnp.sum(rows.ell * u[None], axis=2) + rows.b
     assert jnp.all(slack <= 1e-3 * (1 + jnp.abs(rows.b)))
 
@@ -84,7 +84,7 @@ def limited(box, norm, count=30):
         state, tau = guide.init(z, None), jnp.asarray(0.5)
         rows = guide.rows(state, tau, z, drift, None)
         _, correction, report = guide(state, tau, z, drift, None)
-        return rows.ell[0], rows.b[0], correction[:, :2], report.infeasible, report.effort
+        return rows.ell[0], rows.b[0], correction[:, :2], report.qp_infeasible, report.input_norm
 
     with jax.enable_x64(True):
         return jax.tree.map(np.asarray, at(jnp.asarray(z), jnp.asarray(drift)))
@@ -113,14 +113,14 @@ def test_a_box_is_kept_and_reported_where_rows_ask_for_more():
 def test_a_norm_limit_is_kept_and_reported_where_rows_ask_for_more():
     """One row and u @ H u <= norm^2, H_i of each agent: it can be met if and only if b <= norm |ell|_(H^-1)."""
     norm = 4.0
-    ell, b, u, infeasible, effort = limited(None, norm)
+    ell, b, u, infeasible, input_norm = limited(None, norm)
     reach = np.sqrt(np.einsum("nai,aij,naj->na", ell, np.linalg.inv(METRICS), ell))
     np.testing.assert_array_equal(infeasible, b > norm * reach)
     assert 0.1 < infeasible.mean() < 0.9
     size = np.sqrt(np.einsum("nai,aij,naj->na", u, METRICS, u))
     assert size.max() <= norm * (1 + 1e-9)
     np.testing.assert_allclose(size[infeasible], norm, rtol=1e-9)  # as much as is allowed
-    np.testing.assert_allclose(effort, np.linalg.norm(u, axis=-1), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(input_norm, np.linalg.norm(u, axis=-1), rtol=1e-9, atol=1e-12)
     assert np.all(within((ell * u).sum(-1) + b, b)[~infeasible])
 
 

@@ -144,7 +144,7 @@ def moments(count=40):
         state = guide.init(z0, condition)
         rows, still = (guide.rows(state, tau, z, f, condition) for f in (drift, 0 * drift))
         _, correction, report = guide(state, tau, z, drift, condition)
-        return rows.ell, rows.b, still.b, correction, report.infeasible
+        return rows.ell, rows.b, still.b, correction, report.qp_infeasible
 
     with jax.enable_x64(True):
         inputs = jax.tree.map(jnp.asarray, (start, z, drift, case))
@@ -232,7 +232,7 @@ class Run(NamedTuple):
     limit: np.ndarray
     nominal: np.ndarray  # (samples, rows), at tau = 1
     summary: object
-    held: np.ndarray
+    hypotheses_hold: np.ndarray
 
 
 @cache
@@ -246,24 +246,24 @@ def run():
         out = generate(field, guidance(), z0, condition, grid=grid, guard=None, keep_path=True)
         summary = out.summary
         nominal = generate(field, NoGuidance(), z0, condition, grid=grid).z
-        return out.path, nominal, summary, summary.held
+        return out.path, nominal, summary, summary.hypotheses_hold
 
     with jax.enable_x64(True):
         inputs = jax.tree.map(jnp.asarray, (start, case))
-        path, nominal, summary, held = jax.tree.map(np.asarray, both(*inputs))
+        path, nominal, summary, hold = jax.tree.map(np.asarray, both(*inputs))
     tau = 1 - (1 - np.linspace(0, 1, STEPS + 1)) ** 2
     each = [jax.tree.map(lambda leaf, k=k: leaf[k], case) for k in range(SAMPLES)]
     value = np.array([values_by_hand(tau, z, c) for z, c in zip(path, each, strict=True)])
     limit = np.array([limits_by_hand(tau, one[0]) for one in value])
     end = [values_by_hand(tau[-1:], z[None], c)[0] for z, c in zip(nominal, each, strict=True)]
-    return Run(value, limit, np.array(end), summary, held)
+    return Run(value, limit, np.array(end), summary, hold)
 
 
 @pytest.mark.parametrize("kind", range(2), ids=FIELDS)
 def test_both_theorems_hold_at_once_along_the_trajectory(kind):
     """Where the summary says so: q <= beta and V <= its limit at every point, under one input of each agent."""
     one, mine = run(), np.arange(SAMPLES) % 2 == kind
-    chosen = one.held & mine
+    chosen = one.hypotheses_hold & mine
     assert chosen.sum() >= 0.7 * mine.sum()
     assert np.all((one.value <= one.limit + 1e-9 * (1 + np.abs(one.limit)))[chosen])
     # So shared requirements and every margin hold at the end; without guidance hardly ever.
@@ -271,14 +271,14 @@ def test_both_theorems_hold_at_once_along_the_trajectory(kind):
     broken = one.nominal[mine] > [0.0, 0.0, BUFFER**2 / 2]
     assert np.all(broken.mean(0) > 0.6)
     # All three had to be brought about.
-    assert np.all(np.any(one.summary.active[chosen] > 0, axis=0))
+    assert np.all(np.any(one.summary.active_points[chosen] > 0, axis=0))
 
 
 def test_what_the_summary_says_of_the_values_is_so():
-    """`held` is not said where a value was above its limit, and the excess is the greatest of all points."""
+    """`hypotheses_hold` is not said where a value was above its limit, and the excess is the greatest of all points."""
     one = run()
     excess = (one.value - one.limit).max(1)
     above = (excess > 1e-9).any(1)
     assert above.any()  # fixed steps: some samples are
-    assert not one.held[above].any()
+    assert not one.hypotheses_hold[above].any()
     np.testing.assert_allclose(one.summary.excess, excess, atol=1e-9)

@@ -58,7 +58,7 @@ def test_rows_together_imply_the_decay_of_v(name, reanchored, key):
     tau, condition = jnp.asarray(0.4), jnp.eye(2)
     drift = crowd(tau, z, condition)
     _, correction, report = guidance(guidance.init(z0, condition), tau, z, drift, condition)
-    assert not jnp.any(report.infeasible)
+    assert not jnp.any(report.qp_infeasible)
 
     def total(z):
         return jnp.sum(violation(z, condition))
@@ -79,7 +79,7 @@ def test_per_owner_demands_add_up_to_that_of_v(name, key):
     z, tau, condition = jax.random.normal(key, (AGENTS, 2)), jnp.asarray(0.4), jnp.eye(2)
     drift = crowd(tau, z, condition)
     _, correction, report = guidance(guidance.init(z, condition), tau, z, drift, condition)
-    assert not jnp.any(report.infeasible)
+    assert not jnp.any(report.qp_infeasible)
     total, decay = jax.jvp(lambda z: jnp.sum(violation(z, condition)), (z,), (drift + correction,))
     omega, remaining = 0.1 + 1.8 * tau, (1 - tau) * 0.1 + 0.9 * (1 - tau**2)
     wanted = KAPPA / (1 - RHO) * omega * total / remaining
@@ -113,7 +113,7 @@ def excess(name, steps):
     start = v[:, :1] ** (1 - RHO)
     done = 0.1 * tau + 0.9 * tau**2
     bound = np.maximum(start - KAPPA * start * done[None], 0.0) ** (1 / (1 - RHO))
-    assert not np.asarray(out.trace.infeasible)[:, :-1].any()  # no input follows the last point
+    assert not np.asarray(out.trace.qp_infeasible)[:, :-1].any()  # no input follows the last point
     return (v - bound).max(axis=1), v[:, 0]
 
 
@@ -170,7 +170,7 @@ def test_a_requirement_no_input_can_change_names_the_agent():
         out = generate(
             crowd, DecoupledGuidance((one,)), jnp.zeros((AGENTS, 2)), jnp.eye(2), guard=None
         )
-        infeasible = out.trace.infeasible[:-1]
+        infeasible = out.trace.qp_infeasible[:-1]
         assert jnp.all(infeasible[:, 1])
         assert not jnp.any(infeasible[:, jnp.array([0, 2, 3])])
         assert jnp.all(jnp.isfinite(out.z))

@@ -116,9 +116,9 @@ def test_rows_together_imply_the_decay_of_the_factor(name):
     one = moments(name)
     # Inputs of another order of magnitude are those of rows that are nearly opposed, or nearly zero.
     good = (
-        ~one.report.infeasible.any(1)
-        & one.report.able.all((1, 2))
-        & (one.report.effort.max(1) < 1e3)
+        ~one.report.qp_infeasible.any(1)
+        & one.report.row_feasible.all((1, 2))
+        & (one.report.input_norm.max(1) < 1e3)
     )
     assert good.sum() >= 20
     limit = one.dbeta - GAINS * one.room
@@ -187,7 +187,7 @@ def test_one_requirement_stated_twice_asks_for_the_same_input():
         return rows.ell[0], rows.b[0], *guide(state, tau, z, drift, condition)[1:]
 
     ell, b, u, report = at(*jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), (start, case)))
-    assert not report.infeasible.any()
+    assert not report.qp_infeasible.any()
     square = np.where(np.sum(ell**2, -1) > 0, np.sum(ell**2, -1), 1.0)
     expected = -np.maximum(b, 0)[..., None] * ell / square[..., None]
     np.testing.assert_allclose(u, expected, atol=1e-4 * np.abs(expected).max())

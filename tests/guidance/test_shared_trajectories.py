@@ -31,11 +31,11 @@ from deggflow.guidance import (
 
 
 class Run(NamedTuple):
-    """Along trajectories: factors, bounds, and in which samples the theorem's conditions held throughout."""
+    """Along trajectories: factors, bounds, and in which samples the theorem's hypotheses hold throughout."""
 
     q: np.ndarray  # (samples, points, factors)
     beta: np.ndarray
-    held: np.ndarray
+    hypotheses_hold: np.ndarray
     kind: np.ndarray
     path: np.ndarray
     trace: object
@@ -68,15 +68,15 @@ def run(steps):
     q = np.array([factors_by_hand(tau, z, c) for z, c in zip(path, each, strict=True)])
     beta = np.array([bounds_by_hand(tau, one[0]) for one in q])
     taken = tau < 1  # no input follows the last point
-    held = trace.able[:, taken].all((1, 2, 3)) & ~trace.infeasible[:, taken].any((1, 2))
-    return Run(q, beta, held, case.kind, path, trace)
+    hold = trace.row_feasible[:, taken].all((1, 2, 3)) & ~trace.qp_infeasible[:, taken].any((1, 2))
+    return Run(q, beta, hold, case.kind, path, trace)
 
 
 @pytest.mark.parametrize("kind", range(3), ids=KINDS)
 def test_factors_stay_under_their_bounds_along_the_trajectory(kind):
     """thm:SE_finite_horizon, which is of continuous time: what Euler steps add vanishes with them."""
     coarse, fine = run(COARSE), run(FINE)
-    chosen = (coarse.kind == kind) & coarse.held & fine.held
+    chosen = (coarse.kind == kind) & coarse.hypotheses_hold & fine.hypotheses_hold
     assert chosen.sum() >= 5
     above = [(one.q - one.beta)[chosen].max() for one in (coarse, fine)]
     assert above[1] <= max(above[0] / 3, 1e-9)
@@ -86,7 +86,7 @@ def test_factors_stay_under_their_bounds_along_the_trajectory(kind):
 def test_the_end_satisfies_the_requirement():
     """beta(1) = 0 implies q(1, z(1)) <= 0, up to what Euler steps add."""
     coarse, fine = run(COARSE), run(FINE)
-    chosen = coarse.held & fine.held
+    chosen = coarse.hypotheses_hold & fine.hypotheses_hold
     end = [max(one.q[chosen, -1, 0].max(), 0.0) for one in (coarse, fine)]
     assert end[1] <= max(end[0] / 3, 1e-9)
     assert np.mean(fine.q[chosen, 0, 0] > 0) > 0.5  # it was broken before
@@ -117,11 +117,11 @@ def test_the_trace_is_the_factors_and_their_bounds():
 
 def test_an_agent_of_no_factor_never_acts():
     one = run(COARSE)
-    assert np.all(one.trace.effort[..., 4] == 0)
-    assert np.all(one.trace.able[..., 4])
-    assert not one.trace.infeasible[..., 4].any()
+    assert np.all(one.trace.input_norm[..., 4] == 0)
+    assert np.all(one.trace.row_feasible[..., 4])
+    assert not one.trace.qp_infeasible[..., 4].any()
     assert not one.trace.active[..., 4].any()
-    assert np.all(np.isinf(one.trace.length[..., 4]))
+    assert np.all(np.isinf(one.trace.ell_norm[..., 4]))
 
 
 def test_the_change_of_a_factor_by_itself_enters():
@@ -136,7 +136,7 @@ def test_the_change_of_a_factor_by_itself_enters():
     assert jnp.max(out.trace.value - out.trace.bound) <= 0.02
     end = float(out.z[0, 0]) + 3 * np.sin(5.0)
     assert end <= 0.01
-    assert float(jnp.max(out.trace.effort[:-1])) > 5.0
+    assert float(jnp.max(out.trace.input_norm[:-1])) > 5.0
 
 
 def one_sided(tau, z, condition):
@@ -162,17 +162,17 @@ def test_shares_that_ask_an_agent_for_what_it_cannot_give_are_reported():
 
     def acted(trace):
         """Without the last point, which no input follows."""
-        return trace.able[:-1], trace.infeasible[:-1]
+        return trace.row_feasible[:-1], trace.qp_infeasible[:-1]
 
     adaptive, *rigid = traces(jnp.ones((2, 2)))
     for trace in rigid:
-        able, infeasible = acted(trace)
-        assert not able[:, 0, 1].all()
-        np.testing.assert_array_equal(infeasible[:, 1], ~able[:, 0, 1])
+        feasible, infeasible = acted(trace)
+        assert not feasible[:, 0, 1].all()
+        np.testing.assert_array_equal(infeasible[:, 1], ~feasible[:, 0, 1])
         assert not infeasible[:, 0].any()
         assert trace.value[-1, 0] > trace.bound[-1, 0]  # and the bound is in fact missed
-    able, infeasible = acted(adaptive)
-    assert able.all()
+    feasible, infeasible = acted(adaptive)
+    assert feasible.all()
     assert not infeasible.any()
     assert jnp.max(adaptive.value - adaptive.bound) <= 0.01
 
@@ -187,8 +187,8 @@ def test_rows_exactly_opposed_at_one_agent_are_reported():
     still = jax.jit(lambda z0: generate(lambda tau, z, c: 0.0 * z, guide, z0, None, guard=None))
     out = still(jnp.full((3, 2), 2.0))
     middle = (out.trace.tau > 0.2) & (out.trace.tau < 0.8)
-    assert jnp.all(out.trace.infeasible[middle, 0])
-    assert not jnp.any(out.trace.able[middle, :, 0])
+    assert jnp.all(out.trace.qp_infeasible[middle, 0])
+    assert not jnp.any(out.trace.row_feasible[middle, :, 0])
     assert jnp.all(jnp.isfinite(out.z))
 
 

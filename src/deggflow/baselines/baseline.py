@@ -66,7 +66,7 @@ class AbstractStateless(AbstractBaseline):
         condition: Any,
         moving: Bool[Array, " agents"] | None = None,
     ) -> tuple[None, Float[Array, "agents dim"], GuidanceReport]:
-        """The correction, and a report without rows, which contains efforts only."""
+        """The correction, and a report without rows, which contains only the norms of inputs."""
         u = of_moving(self.correction(tau, z, drift, condition), moving)
         return None, u, report_without_rows(drift, u)
 

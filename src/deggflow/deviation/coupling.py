@@ -57,7 +57,7 @@ class _Correcting(AbstractGuidance):
         moving: Bool[Array, " agents"] | None = None,
     ) -> tuple[Any, Float[Array, "agents dim"], GuidanceReport]:
         state, correction, report = self.inner(state, tau, z, drift, condition, moving)
-        return state, correction, report._replace(effort=jnp.linalg.norm(correction, axis=-1))
+        return state, correction, report._replace(input_norm=jnp.linalg.norm(correction, axis=-1))
 
     def on_forced_step(
         self,
@@ -106,5 +106,5 @@ def couple(
     assert nominal.path is not None
     assert guided.path is not None
     assert guided.trace is not None
-    correction = jnp.linalg.norm(guided.trace.effort, axis=-1)
+    correction = jnp.linalg.norm(guided.trace.input_norm, axis=-1)
     return Coupled(grid, nominal.path, guided.path, correction)

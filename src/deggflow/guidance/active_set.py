@@ -51,10 +51,23 @@ def largest(a: Float[Array, "*rows inputs"]) -> Float[Array, "*rows"]:
 
 
 class _State(NamedTuple):
+    """Between two steps.
+
+    Attributes:
+        v: Projection onto the active rows so far.
+        multiplier: Of active rows, else 0.
+        active: Which rows are.
+        entering: The violated row that is being made active; -1: none is chosen yet.
+        entering_multiplier: Of that row.
+        infeasible: Whether rows were found to contradict each other.
+        done: Whether nothing is left to do.
+        steps: Taken so far.
+    """
+
     v: Float[Array, " inputs"]
-    multiplier: Float[Array, " rows"]  # of active rows, else 0
+    multiplier: Float[Array, " rows"]
     active: Bool[Array, " rows"]
-    entering: Int[Array, ""]  # the violated row that is being made active; -1: none chosen yet
+    entering: Int[Array, ""]
     entering_multiplier: Float[Array, ""]
     infeasible: Bool[Array, ""]
     done: Bool[Array, ""]

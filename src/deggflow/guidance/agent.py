@@ -13,18 +13,29 @@ from .decoupled import DecoupledGuidance
 
 
 class AgentInput(NamedTuple):
-    """What one agent does at one step."""
+    """What one agent does at one step.
+
+    Attributes:
+        u: Its input.
+        correction: g_i u_i, added to its drift.
+        feasible: Whether the input meets all of its rows.
+    """
 
     u: Float[Array, " inputs"]
-    correction: Float[Array, " dim"]  # g_i u_i, added to its drift
+    correction: Float[Array, " dim"]
     feasible: Bool[Array, ""]
 
 
 class CommunicationCost(NamedTuple):
-    """What an agent must be told, in bytes."""
+    """What an agent must be told, in bytes.
 
-    states: int  # z_j of every other agent, each step
-    start: int  # z_j(0) of every other agent, once: bounds and gains begin from there
+    Attributes:
+        states: z_j of every other agent, in each step.
+        start: z_j(0) of every other agent, once; bounds and gains begin from there.
+    """
+
+    states: int
+    start: int
 
     @property
     def per_step(self) -> int:
@@ -55,8 +66,8 @@ def agent_input(
         moving: Who still moves.
     """
     # The others' drifts stay unknown: were one of them used, the input would not be a number.
-    known = jnp.full_like(z, jnp.nan).at[agent].set(drift)
-    rows = guidance.rows(state, tau, z, known, condition, moving)
+    drifts = jnp.full_like(z, jnp.nan).at[agent].set(drift)
+    rows = guidance.rows(state, tau, z, drifts, condition, moving)
     ell, b = rows.ell[:, agent], rows.b[:, agent]
     u, feasible = guidance.solve(ell, b, guidance.metric_of(agent))
     if guidance.control is None:
@@ -65,6 +76,6 @@ def agent_input(
 
 
 def communication_cost(z: Float[Array, "agents dim"] | jax.ShapeDtypeStruct) -> CommunicationCost:
-    """Bytes that one agent of a team hears, where requirements depend on everybody's state."""
+    """Bytes that one agent of a team receives, where requirements depend on all states."""
     others = (z.shape[0] - 1) * z.shape[1] * z.dtype.itemsize
     return CommunicationCost(others, others)

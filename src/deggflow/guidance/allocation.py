@@ -1,4 +1,4 @@
-"""How the decrease a team owes is shared out among its agents.
+"""How a team's required decrease is shared out among its agents.
 
 Every allocation satisfies `sum_i share_i = sum_j demand_j`, which is all that the finite-horizon theorem
 for private requirements needs. They differ in which agents must act and in what an agent must know.
@@ -48,7 +48,7 @@ class Own(AbstractAllocation):
 class Pooled(AbstractAllocation):
     """The team's whole demand in proportion to what each agent can do about it, |d_i|^2.
 
-    An agent with `d_i = 0` owes nothing, so all rows are feasible wherever some agent can act at all.
+    An agent with `d_i = 0` is asked for nothing, so all rows are feasible wherever some agent can act at all.
     """
 
     def __call__(
@@ -76,10 +76,10 @@ class Local(AbstractAllocation):
         effective_norm_sq: Float[Array, " agents"],
         dependence: Callable[[], Dependence],
     ) -> Float[Array, " agents"]:
-        found = dependence()
-        if isinstance(found, Pairs):
-            return _among_pairs(demand, effective_norm_sq, found)
-        weight = found * effective_norm_sq[None]
+        influence = dependence()
+        if isinstance(influence, Pairs):
+            return _among_pairs(demand, effective_norm_sq, influence)
+        weight = influence * effective_norm_sq[None]
         total = jnp.sum(weight, axis=1)
         alone = total <= 0  # nobody can act on this owner's violation: its demand stays with it
         # Weights are divided, not demands: what is at most one does not overflow where every weight is tiny.

@@ -29,7 +29,12 @@ class AbstractBound(eqx.Module):
 
 
 class Ends(NamedTuple):
-    """Where a bound starts and where it leads."""
+    """Where a bound starts and where it leads.
+
+    Attributes:
+        start: beta(0).
+        end: beta(1).
+    """
 
     start: Float[Array, ""]
     end: Float[Array, ""]

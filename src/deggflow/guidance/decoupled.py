@@ -60,7 +60,7 @@ class AbstractGuidance(eqx.Module):
         value: Float[Array, " rows"],
         above: Bool[Array, " rows"],
     ) -> Any:
-        """The state after a step that was taken although values landed above their limits."""
+        """The state after a step that was taken although it ended above limits."""
 
 
 class NoGuidance(AbstractGuidance):
@@ -212,7 +212,7 @@ class DecoupledGuidance(AbstractGuidance):
             bound=bound,
             limit=limit,
             # prop:c2_feasibility and cor:PE_local_feasibility: who must act has an effective direction to act along.
-            able=(b <= 0) | (square > 0),
+            row_feasible=(b <= 0) | (square > 0),
             rate=jnp.sum(rate, axis=-1) + explicit,
             contribution=contribution,
             value_nan=value_nan,
@@ -252,13 +252,13 @@ class DecoupledGuidance(AbstractGuidance):
             rows.ell, rows.b, self.metric
         )
         u = u.astype(z.dtype)
-        effort = jnp.linalg.norm(u, axis=-1)
-        active = _active(rows, u, effort)
-        length = jnp.where(rows.b > 0, jnp.sqrt(jnp.sum(rows.ell**2, axis=-1)), jnp.inf)
+        input_norm, ell_norm = jnp.linalg.norm(u, axis=-1), jnp.sqrt(jnp.sum(rows.ell**2, axis=-1))
+        active = _active(rows, ell_norm, u, input_norm)
         report = GuidanceReport(
-            value=rows.value, bound=rows.bound, limit=rows.limit, able=rows.able,
-            infeasible=~feasible, effort=effort, length=length, active=active,
-            sine=least_sine(rows.ell, active),
+            value=rows.value, bound=rows.bound, limit=rows.limit, row_feasible=rows.row_feasible,
+            qp_infeasible=~feasible, input_norm=input_norm,
+            ell_norm=jnp.where(rows.b > 0, ell_norm, jnp.inf), active=active,
+            opposed_sine=opposed_sine(rows.ell, active),
             slope=rows.rate + jnp.sum(rows.ell * u[None], axis=(1, 2)),
             contribution=rows.contribution, drift_nan=not_finite(drift),
             value_nan=rows.value_nan, gradient_nan=rows.gradient_nan,
@@ -332,16 +332,18 @@ def check_requirements(requirements: tuple[AbstractRequirement, ...]) -> None:
 
 
 def _active(
-    rows: Rows, u: Float[Array, "agents inputs"], effort: Float[Array, " agents"]
+    rows: Rows,
+    ell_norm: Float[Array, "rows agents"],
+    u: Float[Array, "agents inputs"],
+    input_norm: Float[Array, " agents"],
 ) -> Bool[Array, "rows agents"]:
     """Rows that are met with equality by an input that is not zero."""
-    length = jnp.sqrt(jnp.sum(rows.ell**2, axis=-1))
     slack = jnp.sum(rows.ell * u[None], axis=-1) + rows.b
-    tight = slack >= -TIGHT * (length * effort[None] + jnp.abs(rows.b))
-    return (effort > 0)[None] & (length > 0) & tight
+    tight = slack >= -TIGHT * (ell_norm * input_norm[None] + jnp.abs(rows.b))
+    return (input_norm > 0)[None] & (ell_norm > 0) & tight
 
 
-def least_sine(
+def opposed_sine(
     ell: Float[Array, "rows agents inputs"], counts: Bool[Array, "rows agents"]
 ) -> Float[Array, " agents"]:
     """Least sine between two opposed rows of an agent that both count, else 1.

@@ -18,11 +18,17 @@ Margins = Callable[[Float[Array, "agents dim"], Any], Float[Array, "agents margi
 
 
 class Pairs(NamedTuple):
-    """Whose violation depends on whom, as a list."""
+    """Which owners' violations depend on which agents, as a list.
+
+    Attributes:
+        owner: Index of the agent whose violation it is.
+        agent: Index of the agent on whose state it depends.
+        active: Whether it depends on that state now.
+    """
 
     owner: Int[Array, " pairs"]
     agent: Int[Array, " pairs"]
-    active: Bool[Array, " pairs"]  # whether it does now
+    active: Bool[Array, " pairs"]
 
 
 Dependence = Bool[Array, "owners agents"] | Pairs

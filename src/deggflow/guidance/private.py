@@ -23,11 +23,18 @@ MIN_VIOLATION = 1e-30  # floor of V(0) in c (paper, Task 2)
 
 
 class PrivateState(NamedTuple):
-    """Where the bound on V starts from, and for whom."""
+    """Where the bound on V starts, and for which agents.
 
-    start: Float[Array, ""]  # V(0)
-    anchor: Float[Array, ""]  # V at `since`
-    since: Float[Array, ""]  # 0, or when a step last landed above its limit
+    Attributes:
+        start: V(0).
+        anchor: V at `since`.
+        since: 0, or the tau at which a step last ended above its limit.
+        mask: True for the agents that are present; None: all.
+    """
+
+    start: Float[Array, ""]
+    anchor: Float[Array, ""]
+    since: Float[Array, ""]
     mask: Bool[Array, " agents"] | None
 
 

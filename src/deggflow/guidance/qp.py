@@ -94,23 +94,23 @@ def _min_norm_input(
         return MinNormInput(jnp.zeros(inputs, ell.dtype), jnp.asarray(True))
     rows, offset, well = _unit_rows(ell, b)
     if metric is None and box is None and norm is None and count <= 2:
-        u, found = _project(rows, offset)
-        return MinNormInput(u, well & found)
+        u, feasible = _project(rows, offset)
+        return MinNormInput(u, well & feasible)
     if box is not None:
         eye = jnp.eye(inputs, dtype=ell.dtype)
         rows = jnp.concatenate([rows, eye, -eye])
         offset = jnp.concatenate([offset, jnp.full(2 * inputs, -box, ell.dtype)])
     problem = _in_metric(rows, offset, metric)
-    u, found = _solved(problem, None if box is None else box / problem.size)
+    u, feasible = _solved(problem, None if box is None else box / problem.size)
     if norm is not None:
         size = jnp.sqrt(square(u if problem.root is None else u @ problem.root))
         most = norm / problem.size
-        found &= size <= most * (1 + ROUNDING * float(jnp.finfo(ell.dtype).eps))
+        feasible &= size <= most * (1 + ROUNDING * float(jnp.finfo(ell.dtype).eps))
         u = u * jnp.minimum(1.0, most / jnp.maximum(size, most))
-    found &= _met(problem, u, count)
+    feasible &= _met(problem, u, count)
     u = _within(u * problem.size, box)
     finite = jnp.all(jnp.isfinite(u))
-    return MinNormInput(jnp.where(finite, u, 0.0), well & found & finite)
+    return MinNormInput(jnp.where(finite, u, 0.0), well & feasible & finite)
 
 
 def check_limits(box: float | None, norm: float | None) -> None:
@@ -126,12 +126,12 @@ def check_limits(box: float | None, norm: float | None) -> None:
 
 def _check_rows(ell: Any, b: Any, metric: Any) -> None:
     """Raises `TypeError` or `ValueError` unless shapes fit each other."""
-    for name, given, shape in (("ell", ell, "(rows, inputs)"), ("b", b, "(rows,)")):
-        kind = getattr(given, "dtype", None)
+    for name, value, shape in (("ell", ell, "(rows, inputs)"), ("b", b, "(rows,)")):
+        kind = getattr(value, "dtype", None)
         if kind is None or not jnp.issubdtype(kind, jnp.floating):
-            got = type(given).__name__ if kind is None else f"one of {kind}"
+            actual = type(value).__name__ if kind is None else f"one of {kind}"
             raise TypeError(
-                f"`{name}` must be an array of floating-point numbers, of shape {shape}; got {got}."
+                f"`{name}` must be an array of floating-point numbers, of shape {shape}; got {actual}."
             )
     if ell.ndim != 2:
         raise ValueError(
@@ -228,16 +228,23 @@ def _unit_rows(
 
 
 class _Problem(NamedTuple):
-    """A QP in which distances are of the size of one, and its rows in two systems of coordinates."""
+    """A QP in which distances are of the size of one, and its rows in two systems of coordinates.
 
-    rows: Float[Array, "rows inputs"]  # of length one in u
+    Attributes:
+        rows: Of length one in u.
+        offset: Of the rows in u.
+        unit: Rows of length one in v = L^T u, where the metric is the identity.
+        length: Of `rows` there.
+        root: L, with H = L L^T; None where H is the identity.
+        size: Of the distances, which is the unit of u and v.
+    """
+
+    rows: Float[Array, "rows inputs"]
     offset: Float[Array, " rows"]
-    unit: Float[
-        Array, "rows inputs"
-    ]  # of length one in v = L^T u, where the metric is the identity
-    length: Float[Array, " rows"]  # of `rows` there
-    root: Float[Array, "inputs inputs"] | None  # L, with H = L L^T
-    size: Float[Array, ""]  # of the distances: the unit of u and v
+    unit: Float[Array, "rows inputs"]
+    length: Float[Array, " rows"]
+    root: Float[Array, "inputs inputs"] | None
+    size: Float[Array, ""]
 
     def back(self, v: Float[Array, " inputs"]) -> Float[Array, " inputs"]:
         """The input u = L^-T v."""
@@ -250,8 +257,8 @@ class _Problem(NamedTuple):
         distance = lack / self.length
         most = jnp.max(distance)
         size = jnp.where(most > 0, most, 1.0)
-        v, found = _project(self.unit, _near(distance / size))
-        return self.back(v) * size, found
+        v, feasible = _project(self.unit, _near(distance / size))
+        return self.back(v) * size, feasible
 
 
 def _near(distance: Float[Array, " rows"]) -> Float[Array, " rows"]:
@@ -266,16 +273,16 @@ def _in_metric(
 ) -> _Problem:
     """In v the metric is the identity, and a row reads (L^-1 ell) . v + b <= 0."""
     root = None if metric is None else jnp.linalg.cholesky(metric)
-    seen = rows if root is None else solve_triangular(root, rows.T, lower=True).T
-    length = jnp.sqrt(square(seen))
+    mapped = rows if root is None else solve_triangular(root, rows.T, lower=True).T
+    length = jnp.sqrt(square(mapped))
     length = jnp.where(length > 0, length, 1.0)
     most = jnp.max(offset / length)
     size = jnp.where(most > 0, most, 1.0)
     offset = length * _near(offset / (length * size))
-    return _Problem(rows, offset, seen / length[:, None], length, root, size)
+    return _Problem(rows, offset, mapped / length[:, None], length, root, size)
 
 
-_Passes = tuple[Array, Array, Array, Array, Array]  # u, found, lack, rounding, passes
+_Passes = tuple[Array, Array, Array, Array, Array]  # u, feasible, lack, rounding, passes
 
 
 def _solved(
@@ -286,25 +293,25 @@ def _solved(
     A solution is exact up to the precision of its own size, which is much beside a small row. So once more, from
     where it led: the smallest step that makes good what rows lack there.
     """
-    u, found = problem.project(problem.offset)
+    u, feasible = problem.project(problem.offset)
     u = _within(u, box)
     if problem.rows.shape[0] <= 2:
         step, _ = problem.project(_lack(problem, u)[0])
-        return jnp.where(found, _within(u + step, box), u), found
+        return jnp.where(feasible, _within(u + step, box), u), feasible
 
     def short(state: _Passes) -> Bool[Array, ""]:
-        _, found, lack, rounding, passes = state
-        return found & jnp.any(lack > 2 * rounding) & (passes < PASSES)
+        _, feasible, lack, rounding, passes = state
+        return feasible & jnp.any(lack > 2 * rounding) & (passes < PASSES)
 
     def once_more(state: _Passes) -> _Passes:
         u, _, lack, rounding, passes = state
-        step, found = problem.project(lack - rounding)
+        step, feasible = problem.project(lack - rounding)
         u = _within(u + step, box)
-        return u, found, *_lack(problem, u), passes + 1
+        return u, feasible, *_lack(problem, u), passes + 1
 
-    start = u, found, *_lack(problem, u), jnp.asarray(0)
-    u, found, *_ = jax.lax.while_loop(short, once_more, start)
-    return u, found
+    start = u, feasible, *_lack(problem, u), jnp.asarray(0)
+    u, feasible, *_ = jax.lax.while_loop(short, once_more, start)
+    return u, feasible
 
 
 def _lack(

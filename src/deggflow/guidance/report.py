@@ -7,36 +7,54 @@ from jaxtyping import Array, Bool, Float
 
 
 class GuidanceReport(NamedTuple):
-    """What happened in one evaluation of the guidance, per sample."""
+    """What happened in one evaluation of the guidance, for one sample.
 
-    value: Float[Array, " rows"]  # V or q of each requirement
-    bound: Float[Array, " rows"]  # what the theorem promises of it
-    limit: Float[Array, " rows"]  # what a discrete step may reach
-    able: Bool[Array, "rows agents"]  # the theorem's condition for a feasible row holds
-    infeasible: Bool[Array, " agents"]  # no input of this agent meets its rows
-    effort: Float[Array, " agents"]  # |u_i|
-    length: Float[Array, "rows agents"]  # |ell| where the agent must act (b > 0), else infinite
-    active: Bool[Array, "rows agents"]  # the row decides the input: it is met with equality
-    sine: Float[Array, " agents"]  # least sine between opposed rows that must be met, else 1
-    slope: Float[Array, " rows"]  # d value / d tau under drift and input
-    contribution: Float[Array, "rows agents"]  # how much of the value is whose; of any unit
-    drift_nan: Bool[Array, " agents"]  # the field is not finite there
-    value_nan: Bool[Array, "rows agents"]  # the requirement is not a number there
-    gradient_nan: Bool[Array, "rows agents"]  # its gradient is not
-    input_nan: Bool[Array, " agents"]  # the agent's input is not
+    Attributes:
+        value: V or q of each requirement.
+        bound: What the theorem promises of the value.
+        limit: The most that a discrete step may reach.
+        row_feasible: Whether the theorem's condition for a feasible row holds.
+        qp_infeasible: Whether no input of the agent meets all of its rows.
+        input_norm: |u_i|.
+        ell_norm: |ell| where the agent must act (b > 0), else infinite.
+        active: Whether the row decides the input, that is, the input meets it with equality.
+        opposed_sine: Least sine between two opposed rows that the agent must meet; 1 without such rows.
+        slope: d value / d tau under drift and input.
+        contribution: How much each agent contributes to the value, in any unit.
+        drift_nan: Whether the field is not finite.
+        value_nan: Whether the requirement is not a number.
+        gradient_nan: Whether its gradient is not a number.
+        input_nan: Whether the agent's input is not a number.
+    """
+
+    value: Float[Array, " rows"]
+    bound: Float[Array, " rows"]
+    limit: Float[Array, " rows"]
+    row_feasible: Bool[Array, "rows agents"]
+    qp_infeasible: Bool[Array, " agents"]
+    input_norm: Float[Array, " agents"]
+    ell_norm: Float[Array, "rows agents"]
+    active: Bool[Array, "rows agents"]
+    opposed_sine: Float[Array, " agents"]
+    slope: Float[Array, " rows"]
+    contribution: Float[Array, "rows agents"]
+    drift_nan: Bool[Array, " agents"]
+    value_nan: Bool[Array, "rows agents"]
+    gradient_nan: Bool[Array, "rows agents"]
+    input_nan: Bool[Array, " agents"]
 
 
 def report_without_rows(
     drift: Float[Array, "agents dim"], u: Float[Array, "agents dim"]
 ) -> GuidanceReport:
-    """What guidance without rows reports: efforts, and what is not a number."""
+    """What guidance without rows reports: the inputs' norms, and what is not a number."""
     agents = len(drift)
     row, rows = jnp.zeros(0, drift.dtype), jnp.zeros((0, agents), drift.dtype)
     none, nobody = jnp.zeros((0, agents), bool), jnp.zeros(agents, bool)
     return GuidanceReport(
-        value=row, bound=row, limit=row, able=none, infeasible=nobody,
-        effort=jnp.linalg.norm(u, axis=-1), length=rows, active=none,
-        sine=jnp.ones(agents, drift.dtype), slope=row, contribution=rows,
+        value=row, bound=row, limit=row, row_feasible=none, qp_infeasible=nobody,
+        input_norm=jnp.linalg.norm(u, axis=-1), ell_norm=rows, active=none,
+        opposed_sine=jnp.ones(agents, drift.dtype), slope=row, contribution=rows,
         drift_nan=not_finite(drift), value_nan=none, gradient_nan=none,
         input_nan=jnp.any(jnp.isnan(u), axis=-1),
     )  # fmt: skip

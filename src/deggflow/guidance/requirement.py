@@ -22,36 +22,55 @@ ControlMap = Callable[
 class Rows(NamedTuple):
     """Rows of every agent's local QP, one per factor of a requirement.
 
-    `ell` is g_i^T times the gradient in z_i (requirement units per input unit); `b` is what the agent must
-    bring down, positive where it must act.
+    Attributes:
+        ell: g_i^T times the gradient in z_i, in requirement units per input unit.
+        b: What the agent must bring down, positive where it must act.
+        value: V or q, which measures how far the requirement is from being met.
+        bound: What the theorem promises of the value at this tau.
+        limit: The most that a discrete step may reach here and still lead to the required end.
+        row_feasible: Whether the theorem's condition for a feasible row holds.
+        rate: d value / d tau under the nominal field alone.
+        contribution: How much each agent contributes to the value, in any unit.
+        value_nan: Whether the requirement is not a number.
+        gradient_nan: Whether its gradient is not a number.
     """
 
     ell: Float[Array, "rows agents inputs"]
     b: Float[Array, "rows agents"]
-    value: Float[Array, " rows"]  # V or q: how far it is from being met
-    bound: Float[Array, " rows"]  # what the theorem promises of the value at this tau
-    limit: Float[
-        Array, " rows"
-    ]  # what a discrete step may reach here and still lead to the end wanted
-    able: Bool[Array, "rows agents"]  # whether the theorem's condition for a feasible row holds
-    rate: Float[Array, " rows"]  # d value / d tau under the nominal field alone
-    contribution: Float[Array, "rows agents"]  # how much of the value is whose; of any unit
-    value_nan: Bool[Array, "rows agents"]  # the requirement itself is not a number there
-    gradient_nan: Bool[Array, "rows agents"]  # its gradient is not
-
-
-class Demand(NamedTuple):
-    """What a requirement asks of the team at one state, before the agents share it."""
-
-    ell: Float[Array, "rows agents inputs"]
-    rate: Float[Array, "rows agents"]  # grad_i . f_i: what the nominal field does to the value
-    explicit_rate: Float[Array, " rows"]  # what tau does to the value by itself
     value: Float[Array, " rows"]
     bound: Float[Array, " rows"]
     limit: Float[Array, " rows"]
-    contribution: Float[Array, "rows agents"]  # how much of the value is whose; of any unit
-    value_nan: Bool[Array, "rows agents"]  # whose part of the requirement is not a number
-    required_decrease: Any  # what is to be shared; the requirement's own affair
+    row_feasible: Bool[Array, "rows agents"]
+    rate: Float[Array, " rows"]
+    contribution: Float[Array, "rows agents"]
+    value_nan: Bool[Array, "rows agents"]
+    gradient_nan: Bool[Array, "rows agents"]
+
+
+class Demand(NamedTuple):
+    """What a requirement asks of the team at one state, before the agents share it.
+
+    Attributes:
+        ell: g_i^T grad_i of the value.
+        rate: grad_i . f_i, the agent's part of d value / d tau under the nominal field.
+        explicit_rate: Partial derivative of the value in tau.
+        value: V or q.
+        bound: What the theorem promises of the value at this tau.
+        limit: The most that a discrete step may reach here and still lead to the required end.
+        contribution: How much each agent contributes to the value, in any unit.
+        value_nan: Whether the agent's part of the requirement is not a number.
+        required_decrease: What the agents share; in whatever form the requirement's own `shares` takes.
+    """
+
+    ell: Float[Array, "rows agents inputs"]
+    rate: Float[Array, "rows agents"]
+    explicit_rate: Float[Array, " rows"]
+    value: Float[Array, " rows"]
+    bound: Float[Array, " rows"]
+    limit: Float[Array, " rows"]
+    contribution: Float[Array, "rows agents"]
+    value_nan: Bool[Array, "rows agents"]
+    required_decrease: Any
 
 
 class AbstractRequirement(eqx.Module):
@@ -140,7 +159,7 @@ class AbstractRequirement(eqx.Module):
         value: Float[Array, " rows"],
         above: Bool[Array, " rows"],
     ) -> Any:
-        """The state after a step that was taken although it landed above a limit."""
+        """The state after a step that was taken although it ended above a limit."""
 
 
 def check_buffer(buffer: float, unit: str, aim: str) -> None:
@@ -151,11 +170,11 @@ def check_buffer(buffer: float, unit: str, aim: str) -> None:
         )
 
 
-def check_unrounded(what: str, found: Float[Array, "..."], z: Float[Array, "agents dim"]) -> None:
+def check_unrounded(what: str, value: Float[Array, "..."], z: Float[Array, "agents dim"]) -> None:
     """Raises `TypeError` if a requirement's function rounds its verdict to another type than that of the states."""
-    if found.dtype != z.dtype:
+    if value.dtype != z.dtype:
         raise TypeError(
-            f"{what} {found.dtype} for states of {z.dtype}: the verdict is made in float64, "
+            f"{what} {value.dtype} for states of {z.dtype}: the verdict is made in float64, "
             "so the function must not round its result to another type."
         )
 

@@ -57,11 +57,11 @@ def project_row_by_row(
 @project_row_by_row.def_vmap
 def _samples_last(axis_size, in_batched, unit, distance):  # type: ignore[no-untyped-def]
     """So that every operation is one on a vector of samples, not on a handful of rows or inputs."""
-    given = [
+    leaves = [
         jnp.moveaxis(leaf, 0, -1) if batched else jnp.repeat(leaf[..., None], axis_size, -1)
         for leaf, batched in zip((unit, distance), in_batched, strict=True)
     ]
-    v, feasible = project_row_by_row(*given)
+    v, feasible = project_row_by_row(*leaves)
     return (jnp.moveaxis(v, -1, 0), jnp.moveaxis(feasible, -1, 0)), (True, True)
 
 

@@ -29,7 +29,7 @@ def linear(value: Float[Array, ""]) -> Float[Array, ""]:
 
 
 class Recovering(eqx.Module):
-    """alpha(s) = s below zero and gain s above: a discrete step that lands above the bound is made good.
+    """alpha(s) = s below zero and gain s above: a discrete step that ends above the bound is made good.
 
     An extended class-K function like any other; where q stays below its bound it changes nothing.
     """
@@ -105,9 +105,14 @@ class SharedFactor(eqx.Module):
 
 
 class SharedState(NamedTuple):
-    """Bounds of one sample, and who is there."""
+    """Bounds of one sample, and which agents are present.
 
-    bounds: tuple[Any, ...]  # one state for each factor
+    Attributes:
+        bounds: One state for each factor.
+        mask: True for the agents that are present; None: all.
+    """
+
+    bounds: tuple[Any, ...]
     mask: Bool[Array, " agents"] | None
 
 
@@ -236,8 +241,8 @@ class SharedRequirements(AbstractRequirement):
         return state  # the bounds stay; alpha leads back below them
 
     def _incident(self, agents: int, condition: Any) -> Bool[Array, "factors agents"]:
-        given = [factor.incidence(condition) for factor in self.factors]
-        return jnp.stack([jnp.ones(agents, bool) if one is None else one for one in given])
+        incidences = [factor.incidence(condition) for factor in self.factors]
+        return jnp.stack([jnp.ones(agents, bool) if one is None else one for one in incidences])
 
     def _required(
         self,

@@ -21,9 +21,11 @@ class AbstractSharing(eqx.Module):
 
     @abc.abstractmethod
     def __call__(
-        self, reach: Float[Array, "factors agents"], incident: Bool[Array, "factors agents"]
+        self,
+        effective_norm_sq: Float[Array, "factors agents"],
+        incident: Bool[Array, "factors agents"],
     ) -> Float[Array, "factors agents"]:
-        """Args: reach: |d_{a,i}|^2 of the effective directions; incident: which agents belong to each factor."""
+        """Args: effective_norm_sq: |d_{a,i}|^2 of the effective directions; incident: which agents belong to each factor."""
 
 
 def phi(eta: Float[Array, "..."], delta: float = DELTA) -> Float[Array, "..."]:
@@ -104,16 +106,20 @@ class AdaptiveShares(AbstractSharing):
     """
 
     def __call__(
-        self, reach: Float[Array, "factors agents"], incident: Bool[Array, "factors agents"]
+        self,
+        effective_norm_sq: Float[Array, "factors agents"],
+        incident: Bool[Array, "factors agents"],
     ) -> Float[Array, "factors agents"]:
-        return _normalised(jnp.where(incident, reach, 0.0), incident)
+        return _normalised(jnp.where(incident, effective_norm_sq, 0.0), incident)
 
 
 class EqualShares(AbstractSharing):
     """Every incident agent takes the same part, whatever it can do about the factor; for comparison."""
 
     def __call__(
-        self, reach: Float[Array, "factors agents"], incident: Bool[Array, "factors agents"]
+        self,
+        effective_norm_sq: Float[Array, "factors agents"],
+        incident: Bool[Array, "factors agents"],
     ) -> Float[Array, "factors agents"]:
         return _normalised(jnp.zeros(incident.shape), incident)
 
@@ -124,6 +130,8 @@ class FixedShares(AbstractSharing):
     weight: Float[Array, "factors agents"]
 
     def __call__(
-        self, reach: Float[Array, "factors agents"], incident: Bool[Array, "factors agents"]
+        self,
+        effective_norm_sq: Float[Array, "factors agents"],
+        incident: Bool[Array, "factors agents"],
     ) -> Float[Array, "factors agents"]:
         return _normalised(jnp.where(incident, self.weight, 0.0), incident)

@@ -37,19 +37,20 @@ def factors(poses, contacts=CONTACTS):
 
 def made(task, bound, safe):
     """A record as a generation in float32 leaves it."""
-    blank = {"excess": -0.02, "active": 3, "smallest_ell": 0.1}
+    blank = {"excess": -0.02, "active_points": 3, "smallest_ell_norm": 0.1}
     return {
-        "held": True,
-        "broken": None,
+        "hypotheses_hold": True,
+        "first_failure": None,
         "requirements": [
             {"name": "q_task", "value": float(np.float32(task)), "limit": bound, **blank},
             {"name": "q_safe", "value": float(np.float32(safe)), "limit": 0.0, **blank},
         ],
         "steps": 50,
-        "refused": 0,
-        "forced": 0,
-        "least_sine": None,
-        "effort": 1.5,
+        "refused_steps": 0,
+        "forced_steps": 0,
+        "least_opposed_sine": None,
+        "largest_input_norm": 1.5,
+        "largest_step": 1.5,
     }
 
 
@@ -201,8 +202,8 @@ def test_records_are_of_the_policies_they_stand_in(line):
     rows = line["certificate"]["policies"][1]["generation"]["requirements"]
     place = "certificate.policies[1].generation"
     assert with_record(requirements=rows[:1]) == [f"{place}.requirements"]
-    assert with_record(held=False) == [f"{place}.broken"]
-    assert with_record(forced=1) == [f"{place}.forced"]
+    assert with_record(hypotheses_hold=False) == [f"{place}.first_failure"]
+    assert with_record(forced_steps=1) == [f"{place}.forced_steps"]
     for name in ("value", "limit"):
         other = [{**rows[0], name: rows[0][name] + 0.01, "excess": 0.0}, rows[1]]
         assert f"{place}.requirements[0].{name}" in with_record(requirements=other)

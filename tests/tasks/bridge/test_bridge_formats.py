@@ -36,18 +36,19 @@ REQUIREMENT = {
     "value": -0.5,
     "limit": -0.4,
     "excess": -0.01,
-    "active": 40,
-    "smallest_ell": 0.02,
+    "active_points": 40,
+    "smallest_ell_norm": 0.02,
 }
 MADE = {
-    "held": False,
-    "broken": "robot 2 did not meet its row of q_safe at 3 points",
-    "requirements": [REQUIREMENT, {**REQUIREMENT, "name": "q_safe", "smallest_ell": None}],
+    "hypotheses_hold": False,
+    "first_failure": "robot 2 did not meet its row of q_safe at 3 points",
+    "requirements": [REQUIREMENT, {**REQUIREMENT, "name": "q_safe", "smallest_ell_norm": None}],
     "steps": 51,
-    "refused": 2,
-    "forced": 0,
-    "least_sine": 0.125,
-    "effort": 3.5,
+    "refused_steps": 2,
+    "forced_steps": 0,
+    "least_opposed_sine": 0.125,
+    "largest_input_norm": 3.5,
+    "largest_step": 3.5,
 }
 TRIAL = {
     "condition": CONDITION,
@@ -382,14 +383,15 @@ def test_what_is_no_trial_at_all_is_refused(tmp_path, content, reason):
 def test_the_longest_trial_fits_in_a_line(tmp_path):
     """60 policies of 4 actions, every number as long as numbers get."""
     number = -1.2345678901234567e-05
-    digits = {"value": number, "limit": number, "excess": number, "smallest_ell": -number}
+    digits = {"value": number, "limit": number, "excess": number, "smallest_ell_norm": -number}
     names = ("q_task", "q_safe", "speed")
     made = {
         **MADE,
-        "broken": "robot 8 did not meet its row of q_safe at 1000000000 points",
+        "first_failure": "robot 8 did not meet its row of q_safe at 1000000000 points",
         "requirements": [{**REQUIREMENT, **digits, "name": name} for name in names],
-        "least_sine": -number,
-        "effort": -number,
+        "least_opposed_sine": -number,
+        "largest_input_norm": -number,
+        "largest_step": -number,
     }
     factors = {"q_task": number, "bound": number, "q_safe": number, "speed": -number}
     long = {

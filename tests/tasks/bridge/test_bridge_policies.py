@@ -153,14 +153,14 @@ def test_guided_policies_end_below_their_bounds(policies):
     guided, nominal = policies["guided"], policies["nominal"]
     assert np.all(guided.q_task <= guided.bound)
     assert np.all(guided.q_safe <= 0)
-    assert not any(guided.stuck(k).any() for k in range(9))
-    effort = guided.summary.effort
-    assert np.isfinite(effort).all()
-    assert not nominal.summary.effort.any()
+    assert not any(guided.infeasible(k).any() for k in range(9))
+    input_norm = guided.summary.largest_input_norm
+    assert np.isfinite(input_norm).all()
+    assert not nominal.summary.largest_input_norm.any()
     met = (nominal.q_task <= nominal.bound) & (nominal.q_safe <= 0)
-    # Guidance that is not needed changes little, and any change shows in the effort.
+    # Guidance that is not needed changes little, and any change shows in the input.
     changed = np.abs(guided.twists - nominal.twists).max((1, 2))
-    assert np.all(changed[effort.max(1) == 0] <= 1e-5)
+    assert np.all(changed[input_norm.max(1) == 0] <= 1e-5)
     assert np.all(changed[~met] > 1e-4)
 
 
@@ -209,11 +209,11 @@ def test_bounds_are_the_papers(traces):
 def test_factors_stay_below_their_bounds_along_the_generation(traces):
     """thm:SE_finite_horizon for the trained field, up to the steps' own error; some robot has to act."""
     for state, _, trace in traces:
-        assert trace.able.all()
-        assert not trace.infeasible.any()
+        assert trace.row_feasible.all()
+        assert not trace.qp_infeasible.any()
         assert np.max(trace.value - trace.bound) <= 0.02
-        assert np.all(trace.effort[:, ~state.mask] == 0)
-    assert max(trace.effort.max() for *_, trace in traces) > 0
+        assert np.all(trace.input_norm[:, ~state.mask] == 0)
+    assert max(trace.input_norm.max() for *_, trace in traces) > 0
 
 
 def test_noise_depends_on_seed_number_policy_and_draw_alone():

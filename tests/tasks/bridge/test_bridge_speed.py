@@ -180,7 +180,7 @@ def test_each_generation_is_on_record(slow, free):
                 assert made.steps >= 50
                 assert made.requirements[0].value == pytest.approx(record.q_task, abs=1e-3)
                 assert made.requirements[1].value == pytest.approx(record.q_safe, abs=1e-3)
-                if made.held:
+                if made.hypotheses_hold:
                     assert all(each.excess <= 0 for each in made.requirements)
 
 

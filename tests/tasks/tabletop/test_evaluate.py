@@ -44,8 +44,10 @@ def test_every_refused_draw_is_told(field):
     for each in refused:
         assert refutes(each.scene.condition, each.scene.poses)
         assert not each.scene.certificate.satisfied
-    assert row.held + row.forced <= CASES  # a forced step is one condition that does not hold
-    assert 0 <= row.contradicted <= row.held
+    assert (
+        row.hypotheses_hold + row.with_forced_steps <= CASES
+    )  # with a forced step they do not hold
+    assert 0 <= row.contradicted <= row.hypotheses_hold
     median, high, most = row.evaluations
     assert 13 <= median <= high <= most <= 13 + 12 * 5 * 16  # halved four times at most
 

@@ -211,8 +211,10 @@ def test_a_guided_generation_is_on_record_even_if_it_diverges(speed):
     assert len(made.trace.tau) == 3
     assert [len(row) for row in made.trace.value] == [1, 1, 1]
     if speed:
-        assert not made.held
-        assert made.broken in scene.certificate.reason or "diverged" in scene.certificate.reason
+        assert not made.hypotheses_hold
+        assert (
+            made.first_failure in scene.certificate.reason or "diverged" in scene.certificate.reason
+        )
         assert not scene.certificate.satisfied
 
 
@@ -243,6 +245,6 @@ def test_reasons_tell_what_went_wrong_on_the_way(guided):
     """Of a scene that has no room: the verdict first, then the condition of the theorem that failed."""
     (scene,) = guided.scenes([IMPOSSIBLE], seed=SEED, max_draws=1)
     made = scene.certificate.generation
-    assert not made.held
-    assert scene.certificate.reason.endswith(f"; on the way {made.broken}")
+    assert not made.hypotheses_hold
+    assert scene.certificate.reason.endswith(f"; on the way {made.first_failure}")
     assert scene.certificate.reason.startswith(scene.verdict().reason(IMPOSSIBLE.objects))

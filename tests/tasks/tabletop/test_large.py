@@ -204,7 +204,7 @@ def test_a_guided_hall_holds_and_says_so(generator, mixed):
     record = certificate.generation
     assert record is not None
     assert record.requirements[0].name == "affordance"
-    assert (record.steps, record.refused) == (130, 0)  # whatever the size
+    assert (record.steps, record.refused_steps) == (130, 0)  # whatever the size
     before = LargeSceneGenerator(generator.field, guided=False).batch(BIG, 1, 1, 0)
     assert judge([BIG], before.poses)[0].breaches
 

@@ -27,14 +27,15 @@ def record(violation, balance=None):
     above = shown[0]["excess"] > 0
     told = f"affordance was above its limit by {shown[0]['excess']:.3g}"
     return {
-        "held": not above,
-        "broken": told if above else None,
-        "requirements": [{**row, "active": 3, "smallest_ell": 0.1} for row in shown],
+        "hypotheses_hold": not above,
+        "first_failure": told if above else None,
+        "requirements": [{**row, "active_points": 3, "smallest_ell_norm": 0.1} for row in shown],
         "steps": 100,
-        "refused": 0,
-        "forced": 0,
-        "least_sine": None,
-        "effort": 2.0,
+        "refused_steps": 0,
+        "forced_steps": 0,
+        "least_opposed_sine": None,
+        "largest_input_norm": 2.0,
+        "largest_step": 2.0,
     }
 
 
@@ -66,9 +67,9 @@ def scene(poses=POSES, balance=None, made=True):
             away = mass @ poses[:, :2] / mass.sum() - [circle.x, circle.y]
             q = (away @ away / circle.radius**2 - 1) / 2
         line["certificate"]["generation"] = record(verdict.violation, q)
-        broken = line["certificate"]["generation"]["broken"]
-        if broken is not None:
-            line["certificate"]["reason"] += f"; on the way {broken}"
+        failure = line["certificate"]["generation"]["first_failure"]
+        if failure is not None:
+            line["certificate"]["reason"] += f"; on the way {failure}"
     return line
 
 

@@ -334,23 +334,24 @@ SCENE = {
 }
 ABSENT = object()
 MADE = {
-    "held": True,
-    "broken": None,
+    "hypotheses_hold": True,
+    "first_failure": None,
     "requirements": [
         {
             "name": "affordance",
             "value": 0.0,
             "limit": 0.0002,
             "excess": -0.0001,
-            "active": 5,
-            "smallest_ell": 0.01,
+            "active_points": 5,
+            "smallest_ell_norm": 0.01,
         }
     ],
     "steps": 100,
-    "refused": 0,
-    "forced": 0,
-    "least_sine": None,
-    "effort": 1.5,
+    "refused_steps": 0,
+    "forced_steps": 0,
+    "least_opposed_sine": None,
+    "largest_input_norm": 1.5,
+    "largest_step": 1.5,
 }
 GENERATION = ("certificate", "generation")
 

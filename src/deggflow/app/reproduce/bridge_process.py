@@ -181,7 +181,7 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> DataTable:
             "q_task at tau = 1",
             "beta_task at tau = 1",
             "largest q_task - beta_task",
-            "conditions held",
+            "hypotheses hold",
         ),
         [
             (
@@ -193,7 +193,7 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> DataTable:
                 row["q_task"][-1],
                 row["beta_task"][-1],
                 float(_excess(row).max()),
-                "yes" if row["held"] else "no",
+                "yes" if row["hypotheses_hold"] else "no",
             )
             for row in rows
         ],

@@ -123,7 +123,7 @@ def _table(example: Mapping[str, Any]) -> DataTable:
                 place["q_safe"][-1],
                 place["beta_safe"][-1],
                 float(_excess(place).max()),
-                "yes" if place["held"] else "no",
+                "yes" if place["hypotheses_hold"] else "no",
             )
         )
     return DataTable(
@@ -137,7 +137,7 @@ def _table(example: Mapping[str, Any]) -> DataTable:
             "guided q_safe at tau = 1",
             "beta_safe at tau = 1",
             "guided: largest q_safe - beta_safe",
-            "conditions held",
+            "hypotheses hold",
         ),
         found,
     )

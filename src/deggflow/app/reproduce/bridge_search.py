@@ -145,7 +145,7 @@ def _place(
     return {
         "plank": plank.tolist(),
         "margin": float(margins(plank, contacts).plank),
-        "held": course.held,
+        "hypotheses_hold": course.hypotheses_hold,
         "tau": course.tau.tolist(),
         "q_safe": course.value[:, SAFE].tolist(),
         "beta_safe": course.bound[:, SAFE].tolist(),

@@ -163,7 +163,7 @@ def _unmet(row: Evaluation) -> list[str]:
     counts = {
         f"not satisfied within {MAX_DRAWS} draws": row.cases - row.satisfied,
         "claimed satisfied and refuted": row.refuted,
-        "refused although the theorem's conditions held": row.contradicted,
+        "refused although the theorem's hypotheses hold": row.contradicted,
     }
     return [f"{place}: {n} of {row.cases} {what}" for what, n in counts.items() if n]
 
@@ -246,10 +246,10 @@ def _difference() -> str:
 
 
 def _conditions(rows: Sequence[Evaluation]) -> str:
-    held, cases = sum(row.held for row in rows), sum(row.cases for row in rows)
+    hold, cases = sum(row.hypotheses_hold for row in rows), sum(row.cases for row in rows)
     wrong = sum(row.contradicted for row in rows)
     return (
-        f"The theorem's conditions (rows feasible, V below its limit at every accepted point) held along {held:,} of {cases:,} "
+        f"The theorem's hypotheses (rows feasible, V below its limit at every accepted point) hold along {hold:,} of {cases:,} "
         f"first draws; {wrong} of these were refused by the verdict."
     )
 

@@ -26,11 +26,11 @@ class Course(NamedTuple):
     tau: Float[np.ndarray, " points"]
     value: Float[np.ndarray, "points 2"]
     bound: Float[np.ndarray, "points 2"]
-    held: bool  # the theorem's conditions did, and no value was above its limit
+    hypotheses_hold: bool  # of the theorem, and no value was above its limit
 
     def to_json(self) -> dict[str, Any]:
-        """tau, q_task, beta_task, q_safe, beta_safe as lists, and whether the conditions held."""
-        out: dict[str, Any] = {"held": self.held, "tau": self.tau.tolist()}
+        """tau, q_task, beta_task, q_safe, beta_safe as lists, and whether the hypotheses hold."""
+        out: dict[str, Any] = {"hypotheses_hold": self.hypotheses_hold, "tau": self.tau.tolist()}
         for row, name in enumerate(FACTORS):
             out[f"q_{name}"] = self.value[:, row].tolist()
             out[f"beta_{name}"] = self.bound[:, row].tolist()
@@ -57,7 +57,7 @@ def guided_course(
         np.append(tau[before], 1.0),
         np.vstack([value[before], [end.q_task[0], end.q_safe[0]]]),
         np.vstack([bound[before], [end.bound[0], 0.0]]),
-        made is not None and made.held,
+        made is not None and made.hypotheses_hold,
     )
 
 

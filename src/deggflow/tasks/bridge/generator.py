@@ -337,13 +337,13 @@ def _refusal(
     if speed_limit is not None and speed.max() > speed_limit:
         fastest = int(speed.argmax())
         missed.append(f"robot {fastest + 1} would move at {speed[fastest]:.3f} m/s")
-    robots = ", ".join(str(k + 1) for k in np.flatnonzero(drawn.stuck(row)))
+    robots = ", ".join(str(k + 1) for k in np.flatnonzero(drawn.infeasible(row)))
     text = f"blocked at policy {policy + 1}: {' and '.join(missed)}"
-    effort = drawn.summary.effort[row][: len(run.condition.contacts)]
+    input_norm = drawn.summary.largest_input_norm[row][: len(run.condition.contacts)]
     if robots:
         text += f"; no input of robot {robots} met its rows"
     else:
-        hardest = int(np.argmax(effort))
-        text += f"; its rows oppose each other most at robot {hardest + 1} (|u| = {effort[hardest]:.3g})"
+        hardest = int(np.argmax(input_norm))
+        text += f"; its rows oppose each other most at robot {hardest + 1} (|u| = {input_norm[hardest]:.3g})"
     place = margins(verdict.poses[-1:], run.condition.contacts)
     return f"{text}; closest there: {place.nearest(0)}"

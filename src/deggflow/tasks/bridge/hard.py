@@ -77,8 +77,8 @@ class HardPolicies:
     accepted: int  # within the limit of draws, and nothing broken on the way
     missed: int  # accepted although a factor ends above its bound
     refuted: int  # accepted although Shapely finds something broken on the way
-    held: int  # accepted, and the conditions held all along its generation
-    forced: int  # accepted, with steps taken above a limit
+    hypotheses_hold: int  # accepted, and the hypotheses hold along the generation
+    with_forced_steps: int  # accepted, with steps taken above a limit
     blocked: Mapping[str, int]  # what is said where no draw was accepted, numbers left out
     excess: float  # largest by which a refused policy misses a bound
 
@@ -108,8 +108,8 @@ def evaluate_hard(
         accepted=len(accepted),
         missed=sum(not each.record.met for each in accepted),
         refuted=sum(_broken(each.condition, each.twists) for each in accepted),
-        held=sum(made is not None and made.held for made in records),
-        forced=sum(made is not None and made.forced > 0 for made in records),
+        hypotheses_hold=sum(made is not None and made.hypotheses_hold for made in records),
+        with_forced_steps=sum(made is not None and made.forced_steps > 0 for made in records),
         blocked=dict(Counter(_kind(each.reason or "") for each in refused)),
         excess=max((each.record.excess for each in refused), default=0.0),
     )

@@ -48,10 +48,10 @@ class Policies(NamedTuple):
         made = jax.tree.map(lambda leaf: leaf[trial], self.summary)
         return record(made, self.names, [f"robot {k + 1}" for k in range(robots)])
 
-    def stuck(self, trial: int) -> Bool[np.ndarray, " agents"]:
+    def infeasible(self, trial: int) -> Bool[np.ndarray, " agents"]:
         """Which robots had no input that met their rows, or no direction to act along, at some step."""
-        unable = np.asarray(self.summary.stuck[trial]).any(axis=0)
-        return np.asarray(unable | (np.asarray(self.summary.infeasible[trial]) > 0))
+        infeasible = np.asarray(self.summary.infeasible_points[trial]).any(axis=0)
+        return np.asarray(infeasible | (np.asarray(self.summary.qp_infeasible_points[trial]) > 0))
 
 
 class Drawn(NamedTuple):

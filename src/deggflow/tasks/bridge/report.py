@@ -140,7 +140,7 @@ class HardEvaluation(AbstractEvaluation[HardPolicies]):
             f"Bridge: guided policies from hard states, {options.hard} a row, seed {options.seed}, 95% Wilson intervals",
             (
                 "N", "first draw met", f"accepted, <= {options.max_draws} draws", "above a bound",
-                "refuted", "conditions held", "forced", "largest miss refused",
+                "refuted", "hypotheses hold", "forced", "largest miss refused",
             ),
             [
                 (
@@ -149,15 +149,15 @@ class HardEvaluation(AbstractEvaluation[HardPolicies]):
                     row.rate(row.accepted),
                     row.missed,
                     row.refuted,
-                    row.rate(row.held),
-                    row.forced,
+                    row.rate(row.hypotheses_hold),
+                    row.with_forced_steps,
                     f"{row.excess:.3g}",
                 )
                 for row in rows
             ],
             "Hard: within 0.1 m, either way, of the factors' buffers to a wall, to the gap or to lost support; three of four "
             "on the move. above a bound: accepted, and q_task or q_safe ends above it in float64; refuted: accepted, and "
-            "Shapely finds something broken on the way; conditions held: accepted, and so at every point of the generation; "
+            "Shapely finds something broken on the way; hypotheses hold: accepted, and so at every point of the generation; "
             "forced: accepted, with a step taken above a limit on the way; largest miss refused: of a factor over its bound.",
         )  # fmt: skip
         blocked = blocked_texts(rows)

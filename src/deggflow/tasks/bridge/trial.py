@@ -72,7 +72,7 @@ class TrialCertificate:
         lines = [f"{head}; least margin {self.min_margin:.3f} m{limit}"]
         heads = (
             "policy", "q_task", "bound", "q_safe", "draws", "m/s",
-            "conditions held", "steps, refused, forced", "least sine", "largest |u|",
+            "hypotheses hold", "steps, refused, forced", "least opposed sine", "largest |u|",
         )  # fmt: skip
         rows = [heads, *(_row(k, policy) for k, policy in enumerate(self.policies, start=1))]
         return "\n".join([*lines, *columns(rows)])
@@ -82,9 +82,10 @@ def _row(number: int, policy: PolicyRecord) -> tuple[str, ...]:
     made = policy.generation
     on_the_way = ("-", "-", "-", "-")
     if made is not None:
-        sine = "-" if made.least_sine is None else f"{made.least_sine:.2g}"
-        took = f"{made.steps}, {made.refused}, {made.forced}"
-        on_the_way = ("yes" if made.held else "no", took, sine, f"{made.effort:.3g}")
+        sine = "-" if made.least_opposed_sine is None else f"{made.least_opposed_sine:.2g}"
+        steps = f"{made.steps}, {made.refused_steps}, {made.forced_steps}"
+        hold = "yes" if made.hypotheses_hold else "no"
+        on_the_way = (hold, steps, sine, f"{made.largest_input_norm:.3g}")
     return (
         f"{number}" if policy.accepted else f"{number} (refused)",
         f"{policy.q_task:.4f}",

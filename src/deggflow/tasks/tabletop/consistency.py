@@ -87,8 +87,8 @@ def _contradictions(said: Line, scene: Scene, verdict: Verdict) -> Iterator[Wron
 def _reasons(scene: Scene, verdict: Verdict, made: Line | None) -> list[str]:
     """What the reason may be: what exact geometry finds, and what happened on the way."""
     found = verdict.reason(scene.condition.objects) or "Shapely finds a requirement missed"
-    if made is not None and made["broken"]:
-        found += f"; on the way {made['broken']}"
+    if made is not None and made["first_failure"]:
+        found += f"; on the way {made['first_failure']}"
     beyond = [scene.condition.width, scene.condition.depth, 0.0]
     return [found, *([DIVERGED] if (scene.poses == beyond).all() else [])]
 

@@ -36,10 +36,10 @@ class Evaluation:
     most_draws: int
     least_margin: float | None  # m, over the guided scenes that were claimed satisfied
     refuted: int  # claims that Shapely refutes
-    held: int  # first draws along which the conditions of the theorem held
+    hypotheses_hold: int  # first draws along which the hypotheses of the theorem hold
     contradicted: int  # of these, draws that the verdict refuses all the same
     evaluations: Sequence[float]  # of the guided field: median, 99% quantile, most
-    forced: int  # first draws with a step that had to be taken above its limit
+    with_forced_steps: int  # first draws with a step that had to be taken above its limit
 
     def to_json(self) -> dict[str, Any]:
         """As it stands in a file."""
@@ -121,8 +121,10 @@ def evaluate(
     )
     claimed = [scene for scene in guided if scene.certificate.satisfied]
     records = [each.generation for each in first if each.generation is not None]
-    taken = np.array([each.steps + each.refused + 1 for each in records])
-    held = [each for each in first if each.generation is not None and each.generation.held]
+    taken = np.array([each.steps + each.refused_steps + 1 for each in records])
+    hold = [
+        each for each in first if each.generation is not None and each.generation.hypotheses_hold
+    ]
     return Evaluation(
         size,
         requirements,
@@ -134,14 +136,14 @@ def evaluate(
         most_draws=max(scene.certificate.draws for scene in guided),
         least_margin=min((s.certificate.min_margin for s in claimed), default=None),
         refuted=sum(refutes(scene.condition, scene.poses) for scene in claimed),
-        held=len(held),
-        contradicted=sum(not each.satisfied for each in held),
+        hypotheses_hold=len(hold),
+        contradicted=sum(not each.satisfied for each in hold),
         evaluations=(
             float(np.median(taken)),
             float(np.quantile(taken, 0.99)),
             float(taken.max()),
         ),
-        forced=sum(each.forced > 0 for each in records),
+        with_forced_steps=sum(each.forced_steps > 0 for each in records),
     )
 
 

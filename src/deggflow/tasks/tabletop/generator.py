@@ -260,8 +260,8 @@ def judged(batch: Batch, conditions: Sequence[SceneCondition], seed: int) -> lis
     for k, verdict in enumerate(judge(conditions, poses)):
         made = batch.records[k]
         reason = verdict.reason(conditions[k].objects)
-        if reason is not None and made is not None and made.broken is not None:
-            reason += f"; on the way {made.broken}"
+        if reason is not None and made is not None and made.first_failure is not None:
+            reason += f"; on the way {made.first_failure}"
         if not finite[k]:
             reason = "the generation diverged to numbers that are not finite"
         certificate = Certificate(

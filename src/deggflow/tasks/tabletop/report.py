@@ -74,21 +74,21 @@ class SuccessEvaluation(AbstractEvaluation[Evaluation]):
         return Table(
             "On the way of the first draws",
             (
-                "N", "requirements", "conditions held", "contradicted", "with a forced step",
+                "N", "requirements", "hypotheses hold", "contradicted", "with a forced step",
                 "evaluations: median, 99%, most",
             ),
             [
                 (
                     row.size,
                     row.requirements,
-                    row.rate(row.held),
+                    row.rate(row.hypotheses_hold),
                     row.contradicted,
-                    row.forced,
+                    row.with_forced_steps,
                     ", ".join(f"{number:.0f}" for number in row.evaluations),
                 )
                 for row in rows
             ],
-            "conditions held: rows feasible and V below its limit at every accepted point of the first draw; contradicted: "
+            "hypotheses hold: rows feasible and V below its limit at every accepted point of the first draw; contradicted: "
             "these, and yet refused by the verdict; evaluations: of the guided field (100 steps and the end: 101).",
         )  # fmt: skip
 
