@@ -2,13 +2,14 @@
 
 import faults
 import pytest
+from faulting.stage import Stage, jobs
 
-JOB = next(job for job in faults.jobs() if job.name == "bridge data")
+JOB = next(job for job in jobs() if job.name == "bridge data")
 
 
 @pytest.fixture(scope="module")
 def stage(tmp_path_factory):
-    stage = faults.Stage(tmp_path_factory.mktemp("faults"))
+    stage = Stage(tmp_path_factory.mktemp("faults"))
     stage.prepare([JOB], lambda text: None)
     return stage
 
