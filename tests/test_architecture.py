@@ -13,6 +13,7 @@ ROOT = Path(deggflow.__file__).parent
 FLOORS = [
     {
         "blocks",
+        "divergence",
         "files",
         "jsonl",
         "locks",

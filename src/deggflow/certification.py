@@ -12,11 +12,12 @@ from jaxtyping import Array, Bool, Float, Integer
 
 from .blocks import BATCHES, padded_batch
 from .certificate import Certificate, RequirementVerdict
+from .divergence import END_OF_SCALE, finite
 from .generation import Generation, check_leading_axis, check_tau
 from .guidance import AbstractRequirement, DecoupledGuidance
 from .identity import requirement_numbers
 from .judge import PRECISION, Judged, follow, judge_many
-from .recording import agent_names, finite, foreign_record, not_a_number, record, verdicts_of
+from .recording import agent_names, foreign_record, not_a_number, record, verdicts_of
 from .trace import Summary, Trace
 
 SAME = 1e-3  # of the larger of values and limits: what float32 may make of them in two programs
@@ -340,7 +341,7 @@ def _certificate(
     labels = agent_names(agents, len(diverged))
     if diverged.any():
         # Margins of what is not finite may be anything: somebody at infinity is far from every obstacle.
-        least, reason = -1e12, f"z is not finite at {labels[int(diverged.argmax())]}"
+        least, reason = -END_OF_SCALE, f"z is not finite at {labels[int(diverged.argmax())]}"
         if generation is not None and generation.hypotheses_hold:
             generation = replace(generation, hypotheses_hold=False, first_failure=reason)
     if reason is not None and bool(summary.not_a_number):

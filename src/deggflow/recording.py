@@ -15,6 +15,7 @@ from .certificate import (
     TraceRecord,
     count_points,
 )
+from .divergence import END_OF_SCALE, finite
 from .guidance import DecoupledGuidance
 from .trace import NotANumber, Summary, Trace
 
@@ -73,12 +74,6 @@ def agent_names(agents: Sequence[str] | None, count: int) -> list[str]:
     """What agents are called; those without a name, by their number."""
     labels = list(agents or ())
     return labels + [f"agent {k}" for k in range(len(labels), count)]
-
-
-def finite(value: Any) -> float:
-    """A number that files can hold: what has diverged stands at the end of the scale."""
-    number = float(value)
-    return 1e12 if math.isnan(number) else min(max(number, -1e12), 1e12)
 
 
 def _trace_record(trace: Trace) -> TraceRecord:
@@ -179,7 +174,7 @@ def verdicts_of(
 
 def _team_verdict(name: str, margin: float) -> RequirementVerdict:
     if math.isnan(margin):
-        return RequirementVerdict(name, -1e12, f"the value of {name} is not a number")
+        return RequirementVerdict(name, -END_OF_SCALE, f"the value of {name} is not a number")
     text = None if margin >= 0 else f"{name} ends above its bound by {-margin:.6g}"
     return RequirementVerdict(name, finite(margin), text)
 
@@ -194,7 +189,9 @@ def _agents_verdict(
     agent, column = divmod(int(numbers.argmin()), margins.shape[1])
     who = f"agent {agent}" if agents is None else agents[agent]
     if np.isnan(margins[agent, column]):
-        return RequirementVerdict(name, -1e12, f"the margins of {name} are not a number at {who}")
+        return RequirementVerdict(
+            name, -END_OF_SCALE, f"the margins of {name} are not a number at {who}"
+        )
     least = finite(numbers[agent, column])
     if least >= 0:
         return RequirementVerdict(name, least, None)

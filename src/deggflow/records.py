@@ -10,6 +10,7 @@ from .certificate import (
     RequirementVerdict,
     TraceRecord,
 )
+from .divergence import END_OF_SCALE
 from .jsonl import (
     InputError,
     expect_flag,
@@ -24,7 +25,7 @@ from .jsonl import (
 
 MAX_DRAWS = 10_000  # as `generate` allows
 MAX_STEPS = 10**9
-_ANY = 1e12  # for values, limits and margins
+_ANY = END_OF_SCALE  # of values, limits and margins
 
 # Keys of records in files of earlier versions; all of them have other names now.
 _OLD_OF_GENERATIONS = ("held", "broken", "refused", "forced", "least_sine", "effort")

@@ -1,13 +1,36 @@
-"""Where the `deggflow` command begins: Ctrl-C ends it in one line from its first moment on."""
+"""Where the `deggflow` command begins: Ctrl-C ends it in one line, from its first moment to its last."""
 
+import os
+import signal
 import sys
+from types import TracebackType
+from typing import Protocol
 
 INTERRUPTED = 130
 MESSAGE = "deggflow: interrupted; with --out, rerun the command to resume"
 
 
+class Unraisable(Protocol):
+    """What Python hands to `sys.unraisablehook`."""
+
+    exc_type: type[BaseException]
+    exc_value: BaseException | None
+    exc_traceback: TracebackType | None
+
+
 def main() -> None:
     """Runs the command."""
+    show = sys.unraisablehook
+
+    def unraisable(lost: Unraisable) -> None:
+        """Python drops what is raised in a callback of its garbage collector, Ctrl-C included."""
+        if not issubclass(lost.exc_type, KeyboardInterrupt):
+            show(lost)  # type: ignore[arg-type]
+            return
+        print(MESSAGE, file=sys.stderr, flush=True)
+        os._exit(INTERRUPTED)  # files are as safe as from a kill
+
+    sys.unraisablehook = unraisable
     try:
         from .cli import main as run
 
@@ -15,6 +38,8 @@ def main() -> None:
     except KeyboardInterrupt:
         print(MESSAGE, file=sys.stderr)
         sys.exit(INTERRUPTED)
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # nothing is left but to leave
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from deggflow.divergence import END_OF_SCALE
 from deggflow.files import StrPath
 from deggflow.jsonl import (
     InputError,
@@ -40,7 +41,7 @@ MAX_ACTIONS = 10_000
 MAX_SEED = 2**31 - 1  # JAX's keys are made from 32-bit integers
 MAX_DRAWS = 10_000  # as `generate` allows
 _ANYWHERE = 1e6  # m and rad; a nominal trial may end far out
-_ANY = 1e12  # for values of factors and margins
+_ANY = END_OF_SCALE  # of values of factors and margins
 _EDGE = 1e-6  # m by which what touches may miss or overlap, as it was written in decimals
 
 

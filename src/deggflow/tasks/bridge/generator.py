@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from deggflow.divergence import has_diverged
 from deggflow.guidance import AbstractGuidance, NoGuidance
 from deggflow.redraw import Candidate, redraw_until_satisfied
 
@@ -293,7 +294,7 @@ class BridgeGenerator:
         """Executes a policy, or returns why it is refused."""
         plan = drawn.twists[row]
         made = drawn.record(row, len(run.condition.contacts))
-        if not (np.abs(plan) <= MAX_SPEED).all():  # nor if it is not a number
+        if has_diverged(plan, MAX_SPEED):
             bound = float(drawn.bound[row])
             record = PolicyRecord(_DIVERGED, bound, _DIVERGED, draws, False, generation=made)
             run.first_met = bool(run.first_met)

@@ -25,8 +25,9 @@ from .baselines import BaselineRun, Hyperparameters, Method
 from .changes import random_conditions
 from .codec import decode_exactly
 from .condition import SceneCondition, TabletopCondition, padded_size, take, to_arrays
-from .generator import MAX_COORDINATE, initial_noise
-from .verdict import Verdict, judge
+from .generator import initial_noise
+from .settled import judge_generated
+from .verdict import Verdict
 
 CHUNK = 128  # scenes generated at once
 
@@ -199,13 +200,9 @@ def _generate(
         parts.append(found[:count])
     z = np.concatenate(parts)
     poses = [decode_exactly(state, c) for state, c in zip(z, conditions, strict=True)]
-    finite = [bool((np.abs(p) <= MAX_COORDINATE).all()) for p in poses]
-    # What diverged has no place on the table, and is judged where nothing fits: beyond its corner.
-    judged = [
-        p if ok else np.full_like(p, [c.width, c.depth, 0.0])
-        for p, c, ok in zip(poses, conditions, finite, strict=True)
-    ]
-    return _Samples(z[:, : cases.size], judge(conditions, judged), finite, seconds, len(numbers))
+    settled = judge_generated(conditions, poses)
+    finite = [not gone for gone in settled.diverged]
+    return _Samples(z[:, : cases.size], settled.verdicts, finite, seconds, len(numbers))
 
 
 def _paired(

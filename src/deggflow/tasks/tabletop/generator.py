@@ -12,6 +12,7 @@ from jaxtyping import Array, Float, Int
 
 from deggflow.blocks import blocks, map_blocks, padded_batch
 from deggflow.certificate import Certificate, GenerationRecord
+from deggflow.divergence import REASON
 from deggflow.flow import Field
 from deggflow.generation import DEFAULT_STEPS, generate, generate_batch, refined_grid
 from deggflow.guidance import AbstractGuidance, DecoupledGuidance, NoGuidance
@@ -25,11 +26,11 @@ from .condition import SceneCondition, TabletopCondition, padded_size, take, to_
 from .library import MAX_OBJECTS
 from .requirements import with_balance
 from .scene import Scene, finished, with_draws
-from .verdict import Poses, judge
+from .settled import judge_generated
+from .verdict import Poses
 
 MAX_DRAWS = 8
 GUARD = StepGuard()
-MAX_COORDINATE = 1e4  # m and rad; what lies beyond has diverged, and scene files do not hold it
 
 
 class Batch(NamedTuple):
@@ -250,23 +251,22 @@ def _record(
 
 def judged(batch: Batch, conditions: Sequence[SceneCondition], seed: int) -> list[Candidate[Scene]]:
     """Every scene of a batch with its certificate."""
-    finite = [bool((np.abs(poses) <= MAX_COORDINATE).all()) for poses in batch.poses]
-    # A diverged draw has no place on the table; it is judged where nothing fits: beyond the table's corner.
-    poses = [
-        p if ok else np.full_like(p, [c.width, c.depth, 0.0])
-        for p, c, ok in zip(batch.poses, conditions, finite, strict=True)
-    ]
-    out = []
-    for k, verdict in enumerate(judge(conditions, poses)):
+    settled, out = judge_generated(conditions, batch.poses), []
+    for k, (verdict, diverged) in enumerate(zip(settled.verdicts, settled.diverged, strict=True)):
         made = batch.records[k]
         reason = verdict.reason(conditions[k].objects)
         if reason is not None and made is not None and made.first_failure is not None:
             reason += f"; on the way {made.first_failure}"
-        if not finite[k]:
-            reason = "the generation diverged to numbers that are not finite"
+        if diverged:
+            reason = REASON
         certificate = Certificate(
-            verdict.satisfied and finite[k], verdict.min_margin, verdict.violation, 1, reason, made
+            verdict.satisfied and not diverged,
+            verdict.min_margin,
+            verdict.violation,
+            1,
+            reason,
+            made,
         )
-        scene = Scene(conditions[k], poses[k], certificate, seed)
+        scene = Scene(conditions[k], settled.poses[k], certificate, seed)
         out.append(Candidate(scene, certificate.satisfied, certificate.min_margin))
     return out

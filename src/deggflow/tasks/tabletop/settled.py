@@ -1,0 +1,37 @@
+"""Verdicts on generated scenes, those included whose generation diverged."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from deggflow.divergence import has_diverged
+
+from .condition import SceneCondition
+from .verdict import Poses, Verdict, judge
+
+MAX_COORDINATE = 1e4  # m and rad; what lies beyond has diverged, and scene files do not hold it
+
+
+class Settled(NamedTuple):
+    """Generated scenes and their verdicts, in order.
+
+    Attributes:
+        poses: As files hold them: those of a scene that diverged lie beyond the table's corner.
+        verdicts: Of these poses.
+        diverged: Whether each generation did.
+    """
+
+    poses: list[Poses]
+    verdicts: list[Verdict]
+    diverged: list[bool]
+
+
+def judge_generated(conditions: Sequence[SceneCondition], poses: Sequence[Poses]) -> Settled:
+    """Judges scenes; one that diverged has no place on the table, and is judged where nothing fits."""
+    diverged = [has_diverged(each, MAX_COORDINATE) for each in poses]
+    settled = [
+        np.full_like(each, [condition.width, condition.depth, 0.0]) if gone else each
+        for each, condition, gone in zip(poses, conditions, diverged, strict=True)
+    ]
+    return Settled(settled, judge(conditions, settled), diverged)
