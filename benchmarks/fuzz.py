@@ -273,6 +273,13 @@ def bridge_kinds(home: Path) -> list[Kind]:
     ]  # fmt: skip
 
 
+def team_kinds(home: Path) -> list[Kind]:
+    """Files of a task that is not the package's own."""
+    from fuzz_team import team_files
+
+    return [Kind(name, path, read, 0.5) for name, path, read in team_files(home)]
+
+
 def run_kinds(home: Path) -> list[Kind]:
     """Files that runs keep: settings, lines and rows to be completed, results."""
     from deggflow.app.reproduce.experiment import Settings
@@ -351,6 +358,7 @@ def training_kinds(home: Path) -> list[Kind]:
 MAKERS: dict[str, Callable[[Path], list[Kind]]] = {
     "tabletop": tabletop_kinds,
     "bridge": bridge_kinds,
+    "team": team_kinds,
     "runs": run_kinds,
     "training": training_kinds,
 }
