@@ -8,6 +8,7 @@ import pytest
 STRIKES = {
     "in the command": "os.kill(os.getpid(), signal.SIGINT); time.sleep(600)",
     "in a callback of the garbage collector": "gc.callbacks.append(strike); gc.collect(); time.sleep(600)",
+    "while an extension is loaded": "load()",
     "in a finaliser": "Dying(); time.sleep(600)",
 }
 SCRIPT = """
@@ -21,6 +22,12 @@ def strike(*_):
 
 class Dying:
     __del__ = strike
+
+def load():
+    try:
+        strike()
+    except KeyboardInterrupt:
+        raise ImportError("Encountered an error while initializing the extension.")
 
 def command():
     {what}

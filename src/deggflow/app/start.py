@@ -20,6 +20,13 @@ class Unraisable(Protocol):
 
 def main() -> None:
     """Runs the command."""
+    interrupted = False
+
+    def interrupt(*_: object) -> None:
+        nonlocal interrupted
+        interrupted = True
+        raise KeyboardInterrupt
+
     show = sys.unraisablehook
 
     def unraisable(lost: Unraisable) -> None:
@@ -30,12 +37,19 @@ def main() -> None:
         print(MESSAGE, file=sys.stderr, flush=True)
         os._exit(INTERRUPTED)  # files are as safe as from a kill
 
+    if (
+        signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
+    ):  # as it is for a shell's background jobs
+        signal.signal(signal.SIGINT, interrupt)
     sys.unraisablehook = unraisable
     try:
         from .cli import main as run
 
         run()
-    except KeyboardInterrupt:
+    except (Exception, KeyboardInterrupt):
+        if not interrupted:
+            raise
+        # Whatever it became: an extension that is interrupted while it is loaded raises ImportError.
         print(MESSAGE, file=sys.stderr)
         sys.exit(INTERRUPTED)
     finally:
