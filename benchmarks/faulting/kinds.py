@@ -2,6 +2,7 @@
 
 import os
 import random
+import re
 import shutil
 import signal
 import time
@@ -58,6 +59,12 @@ def _one_line(code: int, said: str) -> str | None:
     return None
 
 
+def _before_our_first_line(said: str) -> bool:
+    """Whether Python itself was interrupted, which prints a traceback that no program can help."""
+    files = re.findall(r'  File "([^"]*)"', said)
+    return bool(files) and all(name.startswith("<frozen ") for name in files)
+
+
 def stopped(fault: Fault, sign: signal.Signals) -> tuple[int, str | None]:
     """Killed or interrupted at some moment."""
     process = fault.stage.start(fault.folder, *fault.job.command)
@@ -65,9 +72,12 @@ def stopped(fault: Fault, sign: signal.Signals) -> tuple[int, str | None]:
     if process.poll() is None:
         process.send_signal(sign)
     code, said = _ended(process)
+    if _before_our_first_line(said):
+        return code, None
     if "Traceback" in said:
         return code, f"a traceback: {said.strip()[-300:]!r}"
-    return code, None if code in STOPPED or code in (0, 3) else f"exit code {code}: {said[-300:]!r}"
+    fine = code in STOPPED or code in (0, 3)
+    return code, None if fine else f"exit code {code}: {said[-300:]!r}"
 
 
 def kill(fault: Fault) -> tuple[int, str | None]:
