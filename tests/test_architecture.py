@@ -25,6 +25,7 @@ FLOORS = [
         "guidance",
         "neighbours",
         "weights",
+        "shapes",
         "solver",
     },
     {

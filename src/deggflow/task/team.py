@@ -8,7 +8,7 @@ from typing import Any, cast
 
 import jax
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
 from deggflow.certification import verdicts
 from deggflow.consistency import (
@@ -27,6 +27,7 @@ from deggflow.guidance import AbstractRequirement, DecoupledGuidance
 from deggflow.jsonl import InputError, read_lines
 from deggflow.sampling import sample
 from deggflow.schema import parse_as
+from deggflow.shapes import States
 
 from .interface import AbstractGenerator, AbstractTask, Chunking, Claim, Examination
 from .options import EvaluateOptions, GenerateOptions, TaskOptions, TrainOptions, check_range
@@ -104,7 +105,7 @@ class AbstractTeamTask(AbstractTask[TeamCondition, TeamSample]):
         """States as they should be, drawn at random; the field learns their distribution."""
 
     @abstractmethod
-    def features(self, z: Float[Array, "agents dim"], condition: Any) -> TeamFeatures:
+    def features(self, z: States, condition: Any) -> TeamFeatures:
         """What the field reads of z and the arrays of a condition."""
 
     @property

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from deggflow.generation import generate
 from deggflow.guidance import DecoupledGuidance, NoGuidance
+from deggflow.shapes import States
 
 from .condition import BridgeCondition
 from .field import BridgeField
@@ -88,7 +89,7 @@ def nominal_values(
 def _values(
     field: BridgeField,
     guidance: DecoupledGuidance,
-    z0: Float[Array, "agents dim"],
+    z0: States,
     condition: BridgeCondition,
     grid: Float[Array, " points"],
 ) -> Float[Array, "points 2"]:

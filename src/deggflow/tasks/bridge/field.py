@@ -13,6 +13,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from deggflow.field import TIME_FEATURES, time_features
 from deggflow.files import StrPath
 from deggflow.jsonl import InputError, expect_list, expect_number, expect_object
+from deggflow.shapes import Scalar, States
 from deggflow.weights import card_path, load_card, load_weights
 
 from .condition import CONTACT_SIZE, OTHER_SIZE, OWN_SIZE, BridgeCondition, Scales, observe
@@ -22,7 +23,7 @@ MESSAGE_WIDTH = 160
 HEAD_WIDTH = 256
 LARGEST_SCALE = 1e6  # m/s and rad/s; the least is its inverse
 
-Velocity = Callable[[Float[Array, ""], Float[Array, "agents dim"], Any], Float[Array, "agents dim"]]
+Velocity = Callable[[Scalar, States, Any], States]
 
 
 class BridgeField(eqx.Module):
@@ -50,9 +51,7 @@ class BridgeField(eqx.Module):
         self.inner = tuple(eqx.nn.Linear(HEAD_WIDTH, HEAD_WIDTH, key=k) for k in keys[3:5])
         self.exit = eqx.nn.Linear(HEAD_WIDTH, AGENT_DIM, key=keys[5])
 
-    def __call__(
-        self, tau: Float[Array, ""], z: Float[Array, "agents dim"], condition: BridgeCondition
-    ) -> Float[Array, "agents dim"]:
+    def __call__(self, tau: Scalar, z: States, condition: BridgeCondition) -> States:
         """dz/dtau of every robot."""
         return self.under(condition)(tau, z, condition)
 
@@ -86,9 +85,7 @@ class BridgeField(eqx.Module):
             + _bias(self.entry)
         )
 
-        def velocity(
-            tau: Float[Array, ""], z: Float[Array, "agents dim"], _: Any
-        ) -> Float[Array, "agents dim"]:
+        def velocity(tau: Scalar, z: States, _: Any) -> States:
             said = jax.nn.silu(pairs + (z @ of_state.T)[None])
             mean = jnp.sum(said * weight, axis=1)
             hidden = (

@@ -14,6 +14,7 @@ from deggflow.certificate import GenerationRecord
 from deggflow.generation import generate, refined_grid
 from deggflow.guidance import AbstractGuidance, DecoupledGuidance, NoGuidance
 from deggflow.recording import record
+from deggflow.shapes import States
 from deggflow.step_guard import StepGuard
 from deggflow.trace import Summary, Trace
 
@@ -57,7 +58,7 @@ class Policies(NamedTuple):
 class Drawn(NamedTuple):
     """Generated states and what the guidance met with, as the compiled program hands them out."""
 
-    z: Float[Array, "agents dim"]
+    z: States
     summary: Summary
 
 
@@ -69,7 +70,7 @@ def _drawn(
     grid: Float[Array, " points"],
     guard: StepGuard | None,
 ) -> Drawn:
-    def one(z0: Float[Array, "agents dim"], trial: BridgeCondition) -> Drawn:
+    def one(z0: States, trial: BridgeCondition) -> Drawn:
         out = generate(
             field.under(trial), guidance, z0, trial, grid=grid, guard=guard, mask=trial.mask,
             keep_trace=False,
@@ -86,7 +87,7 @@ _draw = eqx.filter_jit(_drawn)
 def _trace(
     field: BridgeField,
     guidance: AbstractGuidance,
-    z0: Float[Array, "agents dim"],
+    z0: States,
     condition: BridgeCondition,
     grid: Float[Array, " points"],
     guard: StepGuard | None,
@@ -103,7 +104,7 @@ def _end(
     z: Float[Array, "trials agents dim"], condition: BridgeCondition, scales: Scales
 ) -> tuple[Float[Array, "trials horizon 3"], Float[Array, "trials 3"]]:
     def one(
-        z: Float[Array, "agents dim"], trial: BridgeCondition
+        z: States, trial: BridgeCondition
     ) -> tuple[Float[Array, "horizon 3"], Float[Array, " 3"]]:
         return decode_twists(z, trial, scales), final_values(z, trial, scales)
 
@@ -119,7 +120,7 @@ def _noise(
 ) -> Float[Array, "trials agents dim"]:
     root = jax.random.key(seed)
 
-    def one(number: Int[Array, ""]) -> Float[Array, "agents dim"]:
+    def one(number: Int[Array, ""]) -> States:
         key = jax.random.fold_in(jax.random.fold_in(root, number), policy)
         return jax.random.normal(jax.random.fold_in(key, draws), (MAX_ROBOTS, AGENT_DIM))
 

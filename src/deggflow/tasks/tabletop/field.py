@@ -11,6 +11,7 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray
 from deggflow.field import MessagePassingField, TeamFeatures, stack_features
 from deggflow.files import StrPath
 from deggflow.jsonl import InputError, expect_integer, expect_object
+from deggflow.shapes import Scalar
 from deggflow.weights import card_path, load_card, load_weights
 
 from .codec import decode, place
@@ -62,8 +63,8 @@ def node_features(
     body: RoundedBox,
     access: RoundedBox,
     kind: Int[Array, " agents"],
-    half_width: Float[Array, ""],
-    half_depth: Float[Array, ""],
+    half_width: Scalar,
+    half_depth: Scalar,
 ) -> Float[Array, "agents node"]:
     """Headings, room to the walls, kinds."""
     walls = [wall_margins(box, half_width, half_depth) for box in (body, access)]

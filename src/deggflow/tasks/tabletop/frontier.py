@@ -18,6 +18,7 @@ from deggflow.flow import Field
 from deggflow.generation import DEFAULT_STEPS, generate_batch
 from deggflow.guidance import AbstractGuidance, NoGuidance
 from deggflow.redraw import Candidate, redraw_until_satisfied
+from deggflow.shapes import Scalar
 from deggflow.statistics import Rate
 from deggflow.step_guard import StepGuard
 
@@ -94,7 +95,7 @@ def _program(
     noise: Float[Array, "scenes agents 3"],
     condition: TabletopCondition,
     guard: StepGuard | None,
-    pull: Float[Array, ""] | None,
+    pull: Scalar | None,
 ) -> Float[Array, "scenes agents 3"]:
     if pull is not None:
         return predict_then_correct(

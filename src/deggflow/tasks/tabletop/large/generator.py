@@ -22,6 +22,7 @@ from deggflow.guidance import (
 )
 from deggflow.recording import record
 from deggflow.redraw import Candidate, redraw_until_satisfied
+from deggflow.shapes import Scalar
 from deggflow.step_guard import StepGuard
 from deggflow.tasks.tabletop.condition import SceneCondition
 from deggflow.tasks.tabletop.generator import (
@@ -69,9 +70,7 @@ def large_scene_guidance(slots: int = BESIDE, *, balanced: bool = False) -> Deco
     return DecoupledGuidance((affordance, BALANCE) if balanced else (affordance,))
 
 
-def imbalance(
-    tau: Float[Array, ""], z: Float[Array, "agents 3"], condition: LargeSceneCondition
-) -> Float[Array, ""]:
+def imbalance(tau: Scalar, z: Float[Array, "agents 3"], condition: LargeSceneCondition) -> Scalar:
     """The q of the requirement on the centre of mass."""
     return imbalance_of(decode(z, condition), condition.mass, condition.balance)
 
