@@ -41,6 +41,7 @@ FLOORS = [
         "recording",
         "records",
         "redraw",
+        "sampler",
         "sampling",
         "train",
         "deviation",

@@ -3,16 +3,14 @@
 from collections.abc import Sequence
 from functools import cache, partial
 from itertools import groupby
-from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
 from deggflow.field import MessagePassingField
-from deggflow.generation import DEFAULT_STEPS, generate, refined_grid
+from deggflow.generation import DEFAULT_STEPS, Generation, refined_grid
 from deggflow.guidance import (
     AbstractGuidance,
     DecoupledGuidance,
@@ -22,6 +20,7 @@ from deggflow.guidance import (
 )
 from deggflow.recording import record
 from deggflow.redraw import Candidate, redraw_until_satisfied
+from deggflow.sampler import masked_sample
 from deggflow.shapes import Scalar
 from deggflow.step_guard import StepGuard
 from deggflow.tasks.tabletop.condition import SceneCondition
@@ -35,7 +34,6 @@ from deggflow.tasks.tabletop.margins import LABELS
 from deggflow.tasks.tabletop.requirements import balance_of, imbalance_of
 from deggflow.tasks.tabletop.scene import Scene, finished
 from deggflow.tasks.tabletop.verdict import BUFFER, Poses
-from deggflow.trace import Summary, Trace
 
 from .condition import (
     LargeSceneCondition,
@@ -76,33 +74,6 @@ def imbalance(tau: Scalar, z: Float[Array, "agents 3"], condition: LargeSceneCon
 
 
 BALANCE = balance_of(imbalance)
-
-
-class _Drawn(NamedTuple):
-    """What the compiled program hands out."""
-
-    z: Float[Array, "agents 3"]
-    summary: Summary
-    trace: Trace | None
-    path: Float[Array, "points agents 3"] | None
-
-
-@eqx.filter_jit
-def _program(
-    field: MessagePassingField,
-    guidance: AbstractGuidance,
-    noise: Float[Array, "agents 3"],
-    condition: LargeSceneCondition,
-    grid: Float[Array, " points"],
-    guard: StepGuard | None,
-    keep_trace: bool,
-    keep_path: bool,
-) -> _Drawn:
-    out = generate(
-        field, guidance, noise, condition, grid=grid, guard=guard, mask=condition.mask,
-        keep_trace=keep_trace, keep_path=keep_path,
-    )  # fmt: skip
-    return _Drawn(out.z, out.summary, out.trace, out.path)
 
 
 @partial(jax.jit, static_argnums=3)
@@ -183,14 +154,14 @@ class LargeSceneGenerator:
         *,
         keep_trace: bool = False,
         keep_path: bool = False,
-    ) -> _Drawn:
+    ) -> Generation:
         """One draw with room for as many neighbours as there are."""
         arrays = to_arrays(condition, BUFFER)
         noise = _noise(seed, number, drawn, padded_count(len(condition.objects)))
         for crowd in CROWDS:
             guidance = self._guidance(condition, crowd)
             field = large_scene_field(self.field, HEARD * crowd)
-            out = _program(
+            out = masked_sample(
                 field, guidance, noise, arrays, self.grid, self.guard, keep_trace, keep_path
             )
             if bool(jnp.isfinite(out.z).all()):
