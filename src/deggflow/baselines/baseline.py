@@ -42,13 +42,7 @@ class AbstractStateless(AbstractBaseline):
         """None, as there is no state."""
 
     def __call__(
-        self,
-        state: None,
-        tau: Scalar,
-        z: States,
-        drift: States,
-        condition: Any,
-        moving: Mask = None,
+        self, state: Any, tau: Scalar, z: States, drift: States, condition: Any, moving: Mask = None
     ) -> tuple[None, States, GuidanceReport]:
         """The correction, and a report without rows, which contains only the norms of inputs."""
         u = of_moving(self.correction(tau, z, drift, condition), moving)

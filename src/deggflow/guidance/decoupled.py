@@ -59,13 +59,7 @@ class NoGuidance(AbstractGuidance):
         return None
 
     def __call__(
-        self,
-        state: None,
-        tau: Scalar,
-        z: States,
-        drift: States,
-        condition: Any,
-        moving: Mask = None,
+        self, state: Any, tau: Scalar, z: States, drift: States, condition: Any, moving: Mask = None
     ) -> tuple[None, States, GuidanceReport]:
         none = jnp.zeros_like(z)
         return None, none, report_without_rows(drift, none)

@@ -1,6 +1,6 @@
 """The bridge's nominal vector field: the paper's network, with what doesn't change along tau computed once."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from deggflow.field import TIME_FEATURES, time_features
 from deggflow.files import StrPath
 from deggflow.jsonl import InputError, expect_list, expect_number, expect_object
 from deggflow.shapes import Scalar, States
-from deggflow.weights import card_path, load_card, load_weights
+from deggflow.weights import load_by_card
 
 from .condition import CONTACT_SIZE, OTHER_SIZE, OWN_SIZE, BridgeCondition, Scales, observe
 from .world import AGENT_DIM, MAX_ROBOTS
@@ -131,11 +131,9 @@ def load_field(path: StrPath | None = None) -> BridgeField:
     Raises:
         InputError: The card or the weights are not those of a bridge field.
     """
-    path = shipped_weights() if path is None else Path(path)
-    card = load_card(path)
-    try:
+
+    def skeleton(card: Mapping[str, Any]) -> BridgeField:
         scales = _scales(card.get("scales"))
-    except InputError as error:
-        raise InputError(error.reason, file=card_path(path), field=error.field) from None
-    skeleton = eqx.filter_eval_shape(lambda key: BridgeField(scales, key=key), jax.random.key(0))
-    return load_weights(path, skeleton)
+        return eqx.filter_eval_shape(lambda key: BridgeField(scales, key=key), jax.random.key(0))
+
+    return load_by_card(shipped_weights() if path is None else path, skeleton)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from deggflow.shapes import Scalar
-from deggflow.tasks.tabletop.codec import ANGLE_SCALE, Pose
+from deggflow.tasks.tabletop.codec import ANGLE_SCALE, Pose, in_frames
 from deggflow.tasks.tabletop.condition import (
     EVERYWHERE,
     PartRow,
@@ -117,16 +117,7 @@ def decode_exactly(
 def place(parts: LargeSceneParts, pose: Pose) -> RoundedBox:
     """Parts put into the world with their owners' poses."""
     x, y, theta = (value[parts.owner] for value in pose)
-    cos, sin = jnp.cos(theta), jnp.sin(theta)
-    return RoundedBox(
-        x + cos * parts.x - sin * parts.y,
-        y + sin * parts.x + cos * parts.y,
-        cos,
-        sin,
-        parts.half_x,
-        parts.half_y,
-        parts.radius,
-    )
+    return in_frames(parts, x, y, jnp.cos(theta), jnp.sin(theta))
 
 
 def _parts(rows: Iterable[tuple[int, PartRow]], size: int | None = None) -> LargeSceneParts:

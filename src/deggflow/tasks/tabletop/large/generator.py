@@ -86,6 +86,12 @@ def _noise(
     return jax.vmap(lambda own: jax.random.normal(own, (3,)))(keys)
 
 
+def _initial_noise(
+    condition: SceneCondition, seed: int, number: int, drawn: int
+) -> Float[Array, "agents 3"]:
+    return _noise(seed, number, drawn, padded_count(len(condition.objects)))
+
+
 class LargeSceneGenerator:
     """Generates large scenes with one field, guided or not; compiled programs are kept between calls."""
 
@@ -132,7 +138,8 @@ class LargeSceneGenerator:
         keep_trace: bool = False,
     ) -> Batch:
         """One draw of one large scene."""
-        out = self._draw(condition, seed, number, drawn, keep_trace=keep_trace)
+        z0 = _initial_noise(condition, seed, number, drawn)
+        out = self._draw(condition, z0, keep_trace=keep_trace)
         guidance, made = self._guidance(condition), None
         if isinstance(guidance, DecoupledGuidance):
             made = record(out.summary, guidance.names, condition.objects, out.trace)
@@ -141,28 +148,26 @@ class LargeSceneGenerator:
 
     def path(self, condition: SceneCondition, seed: int, number: int, drawn: int) -> list[Poses]:
         """Poses of one draw at every grid point."""
-        out = self._draw(condition, seed, number, drawn, keep_path=True)
+        z0 = _initial_noise(condition, seed, number, drawn)
+        out = self._draw(condition, z0, keep_path=True)
         assert out.path is not None
         return [decode_exactly(state, condition) for state in np.asarray(out.path)]
 
     def _draw(
         self,
         condition: SceneCondition,
-        seed: int,
-        number: int,
-        drawn: int,
+        z0: Float[Array, "agents 3"],
         *,
         keep_trace: bool = False,
         keep_path: bool = False,
     ) -> Generation:
         """One draw with room for as many neighbours as there are."""
         arrays = to_arrays(condition, BUFFER)
-        noise = _noise(seed, number, drawn, padded_count(len(condition.objects)))
         for crowd in CROWDS:
             guidance = self._guidance(condition, crowd)
             field = large_scene_field(self.field, HEARD * crowd)
             out = masked_sample(
-                field, guidance, noise, arrays, self.grid, self.guard, keep_trace, keep_path
+                field, guidance, z0, arrays, self.grid, self.guard, keep_trace, keep_path
             )
             if bool(jnp.isfinite(out.z).all()):
                 break
