@@ -12,7 +12,7 @@ from typing import Any
 import jax
 
 from deggflow.app.certifying import certify_file
-from deggflow.task import CertifyOptions, GenerateOptions, TrainingData, write_data
+from deggflow.task import CertifyOptions, GenerateOptions, RunSettings, TrainingData, write_data
 from deggflow.task.options import Recipe
 from deggflow.train import Dataset
 from deggflow.weights import save_weights
@@ -50,9 +50,8 @@ def team_files(home: Path) -> list[tuple[str, Path, Callable[[], object]]]:
     field = task.model.build(jax.random.key(0), data, SIZES)
     card = {"task": task.name, "architecture": SIZES, "spread": [1.0, 1.0]}
     save_weights(weights, field, card)
-    (made,) = task.generator(field, options).generate(
-        drawn, seed=1, first=0, max_draws=1, on_status=lambda status: None
-    )
+    generator = task.generator(field, options)
+    (made,) = generator.generate(drawn, RunSettings(seed=1), on_status=lambda status: None)
     samples.write_text("".join(json.dumps(each.to_json()) + "\n" for each in made))
 
     def certify() -> None:

@@ -25,6 +25,7 @@ FLOORS = [
         "guidance",
         "neighbours",
         "weights",
+        "shapes",
         "solver",
     },
     {
@@ -40,6 +41,7 @@ FLOORS = [
         "recording",
         "records",
         "redraw",
+        "sampler",
         "sampling",
         "train",
         "deviation",

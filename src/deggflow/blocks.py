@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
+import jax
 import numpy as np
 from jaxtyping import Int
 
@@ -48,3 +49,23 @@ def map_blocks(call: Callable[[A], B], parts: Sequence[A], *, compiled: bool = F
     first = [] if compiled else [call(parts[0])]
     with ThreadPoolExecutor(cores()) as pool:
         return first + list(pool.map(call, parts[len(first) :]))
+
+
+def map_padded(
+    call: Callable[[Int[np.ndarray, " samples"]], A], count: int, *, compiled: bool = False
+) -> A:
+    """What `call` makes of samples number 0 to `count - 1`, block by block, joined along the leading axis.
+
+    Args:
+        call: Told which samples a block has, some of them several times where it is padded to a size that is compiled;
+            runs a compiled program, whose results have a leading axis of samples.
+        count: How many samples there are.
+        compiled: As in `map_blocks`.
+    """
+
+    def padded(block: Int[np.ndarray, " samples"]) -> A:
+        results = call(np.resize(block, padded_batch(len(block))))
+        return jax.tree.map(lambda leaf: np.asarray(leaf)[: len(block)], results)
+
+    parts = map_blocks(padded, blocks(count), compiled=compiled)
+    return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)

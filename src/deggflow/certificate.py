@@ -110,6 +110,15 @@ class GenerationRecord:
         return out
 
 
+def with_generation(out: dict[str, Any], generation: GenerationRecord | None) -> dict[str, Any]:
+    """The JSON object with the record as it stands in a file, or without "generation" where there is none."""
+    if generation is None:
+        del out["generation"]
+    else:
+        out["generation"] = generation.to_json()
+    return out
+
+
 @dataclass(frozen=True)
 class Certificate:
     """The verdict on one sample, made in float64 on the decoded object, and the record of its generation.
@@ -134,11 +143,7 @@ class Certificate:
 
     def to_json(self) -> dict[str, Any]:
         """As it stands in a file; without `generation` and `verdicts` where none are kept."""
-        out = asdict(self)
-        if self.generation is None:
-            del out["generation"]
-        else:
-            out["generation"] = self.generation.to_json()
+        out = with_generation(asdict(self), self.generation)
         if not self.verdicts:
             del out["verdicts"]
         return out

@@ -6,9 +6,11 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool
 
-Field = Callable[[Float[Array, ""], Float[Array, "agents dim"], Any], Float[Array, "agents dim"]]
+from deggflow.shapes import Scalar, States
+
+Field = Callable[[Scalar, States, Any], States]
 """A vector field: (tau, z, condition) -> dz/dtau, one sample."""
 
 
@@ -16,36 +18,26 @@ class AbstractPath(eqx.Module):
     """A conditional path from noise x0 at tau = 0 to data x1 at tau = 1."""
 
     @abc.abstractmethod
-    def sample(
-        self,
-        tau: Float[Array, ""],
-        x0: Float[Array, "agents dim"],
-        x1: Float[Array, "agents dim"],
-    ) -> tuple[Float[Array, "agents dim"], Float[Array, "agents dim"]]:
+    def sample(self, tau: Scalar, x0: States, x1: States) -> tuple[States, States]:
         """The point at tau and the conditional velocity there."""
 
 
 class LinearPath(AbstractPath):
     """Straight-line path x(tau) = (1 - tau) x0 + tau x1."""
 
-    def sample(
-        self,
-        tau: Float[Array, ""],
-        x0: Float[Array, "agents dim"],
-        x1: Float[Array, "agents dim"],
-    ) -> tuple[Float[Array, "agents dim"], Float[Array, "agents dim"]]:
+    def sample(self, tau: Scalar, x0: States, x1: States) -> tuple[States, States]:
         return (1 - tau) * x0 + tau * x1, x1 - x0
 
 
 def mac_loss(
     field: Field,
-    tau: Float[Array, ""],
-    x0: Float[Array, "agents dim"],
-    x1: Float[Array, "agents dim"],
+    tau: Scalar,
+    x0: States,
+    x1: States,
     condition: Any,
     mask: Bool[Array, " agents"],
     path: AbstractPath | None = None,
-) -> Float[Array, ""]:
+) -> Scalar:
     """Integrand of the multi-agent conditional flow-matching loss, one sample.
 
     Args:

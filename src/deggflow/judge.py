@@ -8,6 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Integer
 
+from deggflow.shapes import Mask, Scalar, States
+
 from .guidance import DecoupledGuidance, GuidanceReport
 from .guidance.decoupled import opposed_sine
 from .guidance.report import not_finite
@@ -45,12 +47,7 @@ class Judged(NamedTuple):
 
 
 def judge(
-    guidance: DecoupledGuidance,
-    z0: Float[Array, "agents dim"],
-    z: Float[Array, "agents dim"],
-    condition: Any,
-    mask: Bool[Array, " agents"] | None,
-    dtype: Any,
+    guidance: DecoupledGuidance, z0: States, z: States, condition: Any, mask: Mask, dtype: Any
 ) -> Judged:
     """The verdict on z(1), and what a generation under these requirements, in states of `dtype`, began and ended with."""
     margins = guidance.margins_at_end(z, condition, mask)
@@ -171,7 +168,7 @@ def follow(
 
 def _report(
     rows: Rows,
-    velocity: Float[Array, "agents dim"],
+    velocity: States,
     met: Bool[Array, "rows agents"],
     ell_norm: Float[Array, "rows agents"],
     active: Bool[Array, "rows agents"],
@@ -190,11 +187,11 @@ def _report(
 
 def _kinks(
     guidance: DecoupledGuidance,
-    tau: Float[Array, ""],
-    z: Float[Array, "agents dim"],
-    velocity: Float[Array, "agents dim"],
+    tau: Scalar,
+    z: States,
+    velocity: States,
     condition: Any,
-    mask: Bool[Array, " agents"] | None,
+    mask: Mask,
 ) -> Bool[Array, " rows"]:
     """Requirements whose slope along the trajectory jumps at this very point, however closely one looks.
 

@@ -11,6 +11,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from deggflow.shapes import Scalar
+
 SIDE = (
     1 << 14
 )  # cells along each axis; farther out they are taken together, which costs room in the lists alone
@@ -34,7 +36,7 @@ def find_neighbours(
     points: Float[Array, "points 2"],
     targets: Float[Array, "targets 2"],
     present: Bool[Array, " targets"],
-    radius: Float[Array, ""],
+    radius: Scalar,
     slots: int,
     keep: Keep | None = None,
 ) -> Neighbours:
@@ -76,7 +78,7 @@ def _runs(
     points: Float[Array, "points 2"],
     targets: Float[Array, "targets 2"],
     present: Bool[Array, " targets"],
-    radius: Float[Array, ""],
+    radius: Scalar,
 ) -> _Runs:
     cells = _cells(targets, radius)
     key = jnp.where(present, cells[:, 1] * SIDE + cells[:, 0], SIDE * SIDE)
@@ -89,7 +91,7 @@ def _runs(
     return _Runs(order, first, last)
 
 
-def _cells(points: Float[Array, "points 2"], radius: Float[Array, ""]) -> Int[Array, "points 2"]:
+def _cells(points: Float[Array, "points 2"], radius: Scalar) -> Int[Array, "points 2"]:
     # The outermost cells stay free: no row's run may reach into the next row.
     cells = jnp.clip(jnp.floor(points / radius) + SIDE // 2, 2, SIDE - 3)
     return jnp.nan_to_num(cells, nan=2.0).astype(jnp.int32)

@@ -5,16 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from .jsonl import (
-    InputError,
-    expect_flag,
-    expect_integer,
-    expect_list,
-    expect_number,
-    expect_object,
-    expect_text,
-    join,
-)
+from . import jsonl
 
 T = TypeVar("T")
 
@@ -63,12 +54,12 @@ def _parsed(kind: Any, value: Any, field: str) -> Any:
     if is_dataclass(kind):
         return _object(kind, value, field)
     if origin is not None and issubclass(origin, Mapping):
-        given = expect_object(value, field, tuple(value) if isinstance(value, dict) else ())
-        return {key: _parsed(parts[1], item, join(field, key)) for key, item in given.items()}
+        given = jsonl.expect_object(value, field, tuple(value) if isinstance(value, dict) else ())
+        return {key: _parsed(parts[1], item, jsonl.join(field, key)) for key, item in given.items()}
     if origin is not None and issubclass(origin, Sequence):
-        items = expect_list(value, field)
+        items = jsonl.expect_list(value, field)
         if origin is tuple and parts[-1] is not Ellipsis and len(items) != len(parts):
-            raise InputError(f"must hold {len(parts)} values; got {len(items)}", field=field)
+            raise jsonl.InputError(f"must hold {len(parts)} values; got {len(items)}", field=field)
         kinds = parts if origin is tuple and parts[-1] is not Ellipsis else parts[:1] * len(items)
         made = [
             _parsed(each, item, f"{field}[{k}]")
@@ -80,18 +71,20 @@ def _parsed(kind: Any, value: Any, field: str) -> Any:
 
 def _object(kind: Any, value: Any, field: str) -> Any:
     names = tuple(each.name for each in fields(kind))
-    given = expect_object(value, field, names, names)
+    given = jsonl.expect_object(value, field, names, names)
     hints = get_type_hints(kind)
-    return kind(**{name: _parsed(hints[name], given[name], join(field, name)) for name in names})
+    return kind(
+        **{name: _parsed(hints[name], given[name], jsonl.join(field, name)) for name in names}
+    )
 
 
 def _plain(kind: Any, value: Any, field: str) -> Any:
     if kind is bool:
-        return expect_flag(value, field)
+        return jsonl.expect_flag(value, field)
     if kind is int:
-        return expect_integer(value, field, -_LARGEST, _LARGEST)
+        return jsonl.expect_integer(value, field, -_LARGEST, _LARGEST)
     if kind is float:
-        return expect_number(value, field, -_MOST, _MOST, "")
+        return jsonl.expect_number(value, field, -_MOST, _MOST, "")
     if kind is str:
-        return expect_text(value, field)
+        return jsonl.expect_text(value, field)
     raise TypeError(f"`kind` has a field of type {kind}, which no JSON value stands for.")

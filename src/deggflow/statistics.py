@@ -1,6 +1,7 @@
 """Shares with their uncertainty."""
 
-from typing import NamedTuple
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple
 
 from scipy.stats import binomtest
 
@@ -28,3 +29,12 @@ class Rate(NamedTuple):
         digits = 1 if self.cases < MANY else 2
         proportion, *ends = (f"{100 * each:.{digits}f}" for each in (self.proportion, low, high))
         return f"{proportion}% [{', '.join(ends)}]"
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of a table that is measured; a measurement derives its own fields from it."""
+
+    def to_json(self) -> dict[str, Any]:
+        """The fields by name, as a file holds them."""
+        return asdict(self)

@@ -1,7 +1,7 @@
 """Trained weights as a safetensors file with a JSON card beside it. Nothing is unpickled."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, TypeVar
@@ -14,7 +14,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from .files import StrPath, write_atomically
-from .jsonl import InputError, read_json
+from .jsonl import InputError, expect_integer, expect_object, read_json
 
 M = TypeVar("M", bound=eqx.Module)
 T = TypeVar("T")
@@ -117,6 +117,31 @@ def load_card(path: StrPath) -> dict[str, Any]:
         return read_json(path)
     except FileNotFoundError:
         raise InputError("there is no such card; it lies beside the weights", file=path) from None
+
+
+def load_by_card(path: StrPath, skeleton: Callable[[Mapping[str, Any]], M]) -> M:
+    """A module from a weights file whose card says which module it is.
+
+    Args:
+        path: The weights file.
+        skeleton: Makes the skeleton of `load_weights` from the card; raises `InputError` with the card's field that is
+            not as it should be.
+    """
+    card = load_card(path)
+    try:
+        made = skeleton(card)
+    except InputError as error:
+        raise InputError(error.reason, file=card_path(path), field=error.field) from None
+    return load_weights(path, made)
+
+
+def expect_sizes(card: Mapping[str, Any], largest: Mapping[str, int]) -> dict[str, int]:
+    """The sizes of a network that a card names under "architecture", each from 1 to its largest."""
+    given = expect_object(card.get("architecture"), "architecture", tuple(largest), tuple(largest))
+    return {
+        name: expect_integer(given[name], f"architecture.{name}", 1, most)
+        for name, most in largest.items()
+    }
 
 
 def load_weights(path: StrPath, skeleton: M) -> M:

@@ -37,7 +37,8 @@ class Rows(AbstractGenerator):
     def chunking(self, condition):
         return Chunking(4, self.concurrent)
 
-    def generate(self, conditions, *, seed, first, max_draws, on_status):
+    def generate(self, conditions, run, on_status):
+        first = run.first
         assert conditions == list(range(first, first + len(conditions)))
         if first == self.fails_at:
             raise ValueError(f"chunk {first}")

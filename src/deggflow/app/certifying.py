@@ -20,7 +20,7 @@ def certify_file(task: AbstractTask[Any, Any], path: Path, options: CertifyOptio
     for line in options.lines:
         check_range("lines", line, 1, len(results))
     wanted = None if options.conditions is None else task.read_conditions(options.conditions)
-    given = [task.condition_of(result) for result, _ in results]
+    given = [result.condition for result, _ in results]
     asked = against(wanted, given, task.other_condition)
     examinations = []
     for number in options.lines or range(1, len(results) + 1):

@@ -208,6 +208,8 @@ def _render(entry: AbstractEntry) -> Callable[..., int]:
         prepare_jax()
         from functools import cache, partial
 
+        from deggflow.task import PictureRequest
+
         task = entry.load_task()
         results = task.read_results(file)
         lines = options.lines or tuple(range(1, min(len(results), PICTURES) + 1))
@@ -217,8 +219,9 @@ def _render(entry: AbstractEntry) -> Callable[..., int]:
         say = partial(console().print, soft_wrap=True, markup=False)
         field: Callable[[], Field] = cache(lambda: task.model.load(options.weights))
         for line in lines:
+            request = PictureRequest(results[line - 1][0], line, options, field, say)
             try:
-                for path in pictures.write(results[line - 1][0], line, options, field, say):
+                for path in pictures.write(request):
                     print(path, flush=True)
             except InputError as error:
                 raise InputError(error.reason, file=file, line=line) from None

@@ -14,8 +14,14 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from deggflow.jsonl import InputError
 from deggflow.output import ADVICE, ResumableOutput
 from deggflow.schema import parse_as
-from deggflow.task import AbstractGenerator, AbstractTask, GenerateOptions, check_range
-from deggflow.task.interface import Written
+from deggflow.task import (
+    AbstractGenerator,
+    AbstractTask,
+    GenerateOptions,
+    RunSettings,
+    check_range,
+)
+from deggflow.task.interface import Result, Written
 from deggflow.task.options import MAX_COUNT
 
 from .session import progress
@@ -25,7 +31,8 @@ if TYPE_CHECKING:
 
     from deggflow.train import Curve
 
-R = TypeVar("R", bound=Written)
+R = TypeVar("R", bound=Result)
+Row = TypeVar("Row", bound=Written)
 C = TypeVar("C", bound=Written)
 
 
@@ -95,13 +102,9 @@ def generated(
 
     def results(start: int) -> Iterator[list[R]]:
         number = start
-        for some in generator.generate(
-            asked.part(start, min(chunking.size, asked.count - start)),
-            seed=options.seed,
-            first=start,
-            max_draws=options.max_draws if options.guided else 1,
-            on_status=tell,
-        ):
+        conditions = asked.part(start, min(chunking.size, asked.count - start))
+        run = RunSettings(options.seed, start, options.max_draws if options.guided else 1)
+        for some in generator.generate(conditions, run, tell):
             yield some[max(0, first - number) :]
             number += len(some)
 
@@ -210,8 +213,11 @@ def _print(results: Sequence[Written], fails: Callable[[Mapping[str, Any]], bool
 
 
 def run_jobs(
-    jobs: Sequence[Callable[[], R]], kind: type[R], settings: Mapping[str, Any], out: Path | None
-) -> list[R]:
+    jobs: Sequence[Callable[[], Row]],
+    kind: type[Row],
+    settings: Mapping[str, Any],
+    out: Path | None,
+) -> list[Row]:
     """Runs the jobs that are not done yet; each row is written to `out` as soon as it is known.
 
     Args:
@@ -234,12 +240,12 @@ def run_jobs(
 
 
 def resumed_rows(
-    jobs: Sequence[Callable[[], R]],
-    kind: type[R],
+    jobs: Sequence[Callable[[], Row]],
+    kind: type[Row],
     settings: Mapping[str, Any],
     out: Path,
     on_progress: Callable[[int], None] = lambda done: None,
-) -> list[R]:
+) -> list[Row]:
     """Rows of `out`, and behind them those of the jobs that it does not hold yet; arguments as of `run_jobs`."""
     with ResumableOutput(out, settings, count=len(jobs)) as lines:
         found = []

@@ -6,11 +6,12 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from deggflow.guidance import AbstractGuidance, GuidanceReport, report_without_rows
+from deggflow.shapes import Mask, RowFlags, RowValues, Scalar, States
 
-Constraints = Callable[[Float[Array, "agents dim"], Any], Float[Array, " constraints"]]
+Constraints = Callable[[States, Any], Float[Array, " constraints"]]
 """h: (z, condition) -> one margin per constraint, `>= 0` where it holds, without duplicate constraints."""
 
 # Least time left, so that gains in 1 / (1 - tau) stay finite at tau = 1, after which no step follows.
@@ -25,13 +26,7 @@ class AbstractBaseline(AbstractGuidance):
         """Empty, as baselines have no rows."""
         return ()
 
-    def on_forced_step(
-        self,
-        state: Any,
-        tau: Float[Array, ""],
-        value: Float[Array, " rows"],
-        above: Bool[Array, " rows"],
-    ) -> Any:
+    def on_forced_step(self, state: Any, tau: Scalar, value: RowValues, above: RowFlags) -> Any:
         """The unchanged state, as baselines have no limits."""
         return state
 
@@ -40,40 +35,21 @@ class AbstractStateless(AbstractBaseline):
     """A baseline whose correction depends on the current sample only."""
 
     @abc.abstractmethod
-    def correction(
-        self,
-        tau: Float[Array, ""],
-        z: Float[Array, "agents dim"],
-        drift: Float[Array, "agents dim"],
-        condition: Any,
-    ) -> Float[Array, "agents dim"]:
+    def correction(self, tau: Scalar, z: States, drift: States, condition: Any) -> States:
         """The input that is added to the nominal field."""
 
-    def init(
-        self,
-        z0: Float[Array, "agents dim"],
-        condition: Any,
-        mask: Bool[Array, " agents"] | None = None,
-    ) -> None:
+    def init(self, z0: States, condition: Any, mask: Mask = None) -> None:
         """None, as there is no state."""
 
     def __call__(
-        self,
-        state: None,
-        tau: Float[Array, ""],
-        z: Float[Array, "agents dim"],
-        drift: Float[Array, "agents dim"],
-        condition: Any,
-        moving: Bool[Array, " agents"] | None = None,
-    ) -> tuple[None, Float[Array, "agents dim"], GuidanceReport]:
+        self, state: Any, tau: Scalar, z: States, drift: States, condition: Any, moving: Mask = None
+    ) -> tuple[None, States, GuidanceReport]:
         """The correction, and a report without rows, which contains only the norms of inputs."""
         u = of_moving(self.correction(tau, z, drift, condition), moving)
         return None, u, report_without_rows(drift, u)
 
 
-def of_moving(
-    u: Float[Array, "agents dim"], moving: Bool[Array, " agents"] | None
-) -> Float[Array, "agents dim"]:
+def of_moving(u: States, moving: Mask) -> States:
     """Inputs of the moving agents; zero for the others."""
     return u if moving is None else jnp.where(moving[:, None], u, 0.0)
 
@@ -92,15 +68,10 @@ class Linearised(NamedTuple):
     rate: Float[Array, " constraints"]
 
 
-def linearise(
-    constraints: Constraints,
-    z: Float[Array, "agents dim"],
-    drift: Float[Array, "agents dim"],
-    condition: Any,
-) -> Linearised:
+def linearise(constraints: Constraints, z: States, drift: States, condition: Any) -> Linearised:
     """Margins, their slopes and their rates along the nominal field."""
 
-    def margins(z: Float[Array, "agents dim"]) -> Float[Array, " constraints"]:
+    def margins(z: States) -> Float[Array, " constraints"]:
         return constraints(z, condition)
 
     margin, push = jax.linearize(margins, z)
@@ -110,6 +81,6 @@ def linearise(
     return Linearised(margin, slope, jnp.sum(slope * drift[None], axis=(1, 2)))
 
 
-def time_left(tau: Float[Array, ""]) -> Float[Array, ""]:
+def time_left(tau: Scalar) -> Scalar:
     """1 - tau, at least `MIN_TIME_LEFT`."""
     return jnp.maximum(1 - tau, MIN_TIME_LEFT)

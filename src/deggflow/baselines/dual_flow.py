@@ -5,9 +5,10 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from deggflow.guidance import GuidanceReport, report_without_rows
+from deggflow.shapes import Mask, Scalar, States
 
 from .baseline import AbstractBaseline, Constraints, of_moving, time_left
 
@@ -23,7 +24,7 @@ class Multipliers(NamedTuple):
 
     value: Float[Array, " constraints"]
     rate: Float[Array, " constraints"]
-    tau: Float[Array, ""]
+    tau: Scalar
 
 
 class DualFlow(AbstractBaseline):
@@ -44,16 +45,11 @@ class DualFlow(AbstractBaseline):
     """
 
     constraints: Constraints
-    gain: float | Float[Array, ""] = 2.0
-    damping: float | Float[Array, ""] = 4.0
+    gain: float | Scalar = 2.0
+    damping: float | Scalar = 4.0
     buffer: float = eqx.field(static=True, default=0.0)
 
-    def init(
-        self,
-        z0: Float[Array, "agents dim"],
-        condition: Any,
-        mask: Bool[Array, " agents"] | None = None,
-    ) -> Multipliers:
+    def init(self, z0: States, condition: Any, mask: Mask = None) -> Multipliers:
         """Zero multipliers."""
         zero = jnp.zeros(jax.eval_shape(self.constraints, z0, condition).shape, z0.dtype)
         return Multipliers(zero, zero, jnp.zeros((), z0.dtype))
@@ -61,12 +57,12 @@ class DualFlow(AbstractBaseline):
     def __call__(
         self,
         state: Multipliers,
-        tau: Float[Array, ""],
-        z: Float[Array, "agents dim"],
-        drift: Float[Array, "agents dim"],
+        tau: Scalar,
+        z: States,
+        drift: States,
         condition: Any,
-        moving: Bool[Array, " agents"] | None = None,
-    ) -> tuple[Multipliers, Float[Array, "agents dim"], GuidanceReport]:
+        moving: Mask = None,
+    ) -> tuple[Multipliers, States, GuidanceReport]:
         """Gradient descent of the Lagrangian in the sample, gradient ascent in the multipliers."""
         margin, pull = jax.vjp(lambda x: self.constraints(x, condition), z)
         violation = self.buffer - margin

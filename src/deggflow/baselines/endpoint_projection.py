@@ -5,7 +5,9 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Int
+
+from deggflow.shapes import Scalar, States
 
 from .baseline import AbstractStateless, Constraints, linearise, time_left
 
@@ -31,25 +33,19 @@ class EndpointProjection(AbstractStateless):
 
     constraints: Constraints
     iterations: int = eqx.field(static=True, default=5)
-    start: float | Float[Array, ""] = 0.0
+    start: float | Scalar = 0.0
     buffer: float = eqx.field(static=True, default=0.0)
 
-    def correction(
-        self,
-        tau: Float[Array, ""],
-        z: Float[Array, "agents dim"],
-        drift: Float[Array, "agents dim"],
-        condition: Any,
-    ) -> Float[Array, "agents dim"]:
+    def correction(self, tau: Scalar, z: States, drift: States, condition: Any) -> States:
         """The velocity that moves the predicted endpoint to its projection in the time left."""
         end = z + time_left(tau) * drift
         velocity = (self.project(end, condition) - end) / time_left(tau)
         return jnp.where(tau >= self.start, velocity, 0.0)
 
-    def project(self, x: Float[Array, "agents dim"], condition: Any) -> Float[Array, "agents dim"]:
+    def project(self, x: States, condition: Any) -> States:
         """A point near x where the constraints hold, if the iteration converges."""
 
-        def step(_: Int[Array, ""], x: Float[Array, "agents dim"]) -> Float[Array, "agents dim"]:
+        def step(_: Int[Array, ""], x: States) -> States:
             here = linearise(self.constraints, x, jnp.zeros_like(x), condition)
             excess = here.margin - self.buffer
             slope = here.slope.reshape(len(excess), -1)

@@ -3,7 +3,8 @@
 from typing import Any
 
 import equinox as eqx
-from jaxtyping import Array, Float
+
+from deggflow.shapes import Scalar, States
 
 from .baseline import AbstractStateless, Constraints, linearise, time_left
 from .relaxed_qp import relaxed_input
@@ -26,18 +27,12 @@ class JointBarrier(AbstractStateless):
     """
 
     constraints: Constraints
-    gain: float | Float[Array, ""] = 1.0
+    gain: float | Scalar = 1.0
     buffer: float = eqx.field(static=True, default=0.0)
     rows: int = eqx.field(static=True, default=24)
     slack: float = eqx.field(static=True, default=1e4)
 
-    def correction(
-        self,
-        tau: Float[Array, ""],
-        z: Float[Array, "agents dim"],
-        drift: Float[Array, "agents dim"],
-        condition: Any,
-    ) -> Float[Array, "agents dim"]:
+    def correction(self, tau: Scalar, z: States, drift: States, condition: Any) -> States:
         """The QP's solution: the inputs of all agents."""
         here = linearise(self.constraints, z, drift, condition)
         b = -(here.rate + self.gain / time_left(tau) * (here.margin - self.buffer))

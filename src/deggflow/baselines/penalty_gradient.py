@@ -5,11 +5,12 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+
+from deggflow.shapes import AgentValues, Scalar, States
 
 from .baseline import AbstractStateless, time_left
 
-Violation = Callable[[Float[Array, "agents dim"], Any], Float[Array, " agents"]]
+Violation = Callable[[States, Any], AgentValues]
 """V_i: (z, condition) -> the violation of each agent."""
 
 
@@ -26,18 +27,12 @@ class PenaltyGradient(AbstractStateless):
     """
 
     violation: Violation
-    gain: float | Float[Array, ""] = 20.0
+    gain: float | Scalar = 20.0
 
-    def correction(
-        self,
-        tau: Float[Array, ""],
-        z: Float[Array, "agents dim"],
-        drift: Float[Array, "agents dim"],
-        condition: Any,
-    ) -> Float[Array, "agents dim"]:
+    def correction(self, tau: Scalar, z: States, drift: States, condition: Any) -> States:
         """Gradient descent, faster as less time is left."""
 
-        def total(z: Float[Array, "agents dim"]) -> Float[Array, ""]:
+        def total(z: States) -> Scalar:
             return jnp.sum(self.violation(z, condition))
 
         return -self.gain / time_left(tau) * jax.grad(total)(z)

@@ -9,6 +9,7 @@ from jaxtyping import Array, Float
 from deggflow.flow import Field
 from deggflow.generation import Generation, generate_batch, refined_grid
 from deggflow.guidance import AbstractGuidance, NoGuidance
+from deggflow.shapes import Scalar, States
 from deggflow.step_guard import StepGuard
 
 
@@ -21,11 +22,9 @@ class FadingField(eqx.Module):
     """
 
     field: Field
-    pull: float | Float[Array, ""]
+    pull: float | Scalar
 
-    def __call__(
-        self, tau: Float[Array, ""], z: Float[Array, "agents dim"], condition: Any
-    ) -> Float[Array, "agents dim"]:
+    def __call__(self, tau: Scalar, z: States, condition: Any) -> States:
         """The faded field at s = tau."""
         return self.pull * (1 - tau) * self.field(tau, z, condition)
 
@@ -37,7 +36,7 @@ def predict_then_correct(
     condition: Any,
     *,
     steps: int,
-    pull: float | Float[Array, ""] = 2.0,
+    pull: float | Scalar = 2.0,
     guard: StepGuard | None = None,
 ) -> Generation:
     """Half of the steps for a nominal generation, half for a correction of its end point; returns the correction.

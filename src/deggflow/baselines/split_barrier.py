@@ -7,6 +7,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from deggflow.shapes import Scalar, States
+
 from .baseline import AbstractStateless, Constraints, linearise, time_left
 from .relaxed_qp import relaxed_input
 
@@ -29,18 +31,12 @@ class SplitBarrier(AbstractStateless):
     """
 
     constraints: Constraints
-    gain: float | Float[Array, ""] = 1.0
+    gain: float | Scalar = 1.0
     buffer: float = eqx.field(static=True, default=0.0)
     rows: int = eqx.field(static=True, default=8)
     slack: float = eqx.field(static=True, default=1e4)
 
-    def correction(
-        self,
-        tau: Float[Array, ""],
-        z: Float[Array, "agents dim"],
-        drift: Float[Array, "agents dim"],
-        condition: Any,
-    ) -> Float[Array, "agents dim"]:
+    def correction(self, tau: Scalar, z: States, drift: States, condition: Any) -> States:
         """The solution of each agent's QP."""
         here = linearise(self.constraints, z, drift, condition)
         involves = jnp.any(here.slope != 0, axis=-1)

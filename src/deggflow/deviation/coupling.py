@@ -5,11 +5,12 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from deggflow.flow import Field
 from deggflow.generation import generate_batch, refined_grid
 from deggflow.guidance import AbstractGuidance, GuidanceReport, NoGuidance
+from deggflow.shapes import Mask, RowFlags, RowValues, Scalar, States
 from deggflow.solver import EULER, RungeKutta
 from deggflow.step_guard import StepGuard
 
@@ -39,33 +40,16 @@ class _Correcting(AbstractGuidance):
     def names(self) -> tuple[str, ...]:
         return self.inner.names
 
-    def init(
-        self,
-        z0: Float[Array, "agents dim"],
-        condition: Any,
-        mask: Bool[Array, " agents"] | None = None,
-    ) -> Any:
+    def init(self, z0: States, condition: Any, mask: Mask = None) -> Any:
         return self.inner.init(z0, condition, mask)
 
     def __call__(
-        self,
-        state: Any,
-        tau: Float[Array, ""],
-        z: Float[Array, "agents dim"],
-        drift: Float[Array, "agents dim"],
-        condition: Any,
-        moving: Bool[Array, " agents"] | None = None,
-    ) -> tuple[Any, Float[Array, "agents dim"], GuidanceReport]:
+        self, state: Any, tau: Scalar, z: States, drift: States, condition: Any, moving: Mask = None
+    ) -> tuple[Any, States, GuidanceReport]:
         state, correction, report = self.inner(state, tau, z, drift, condition, moving)
         return state, correction, report._replace(input_norm=jnp.linalg.norm(correction, axis=-1))
 
-    def on_forced_step(
-        self,
-        state: Any,
-        tau: Float[Array, ""],
-        value: Float[Array, " rows"],
-        above: Bool[Array, " rows"],
-    ) -> Any:
+    def on_forced_step(self, state: Any, tau: Scalar, value: RowValues, above: RowFlags) -> Any:
         return self.inner.on_forced_step(state, tau, value, above)
 
 

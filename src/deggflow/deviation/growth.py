@@ -11,6 +11,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 from deggflow.flow import Field
+from deggflow.shapes import Scalar, States
 
 from .coupling import Coupled
 
@@ -45,7 +46,7 @@ class Linearised(NamedTuple):
     """
 
     value: Vector
-    norm: Float[Array, ""]
+    norm: Scalar
     direction: Vector
 
 
@@ -63,7 +64,7 @@ def linearised(
     value, forward = jax.linearize(field, x)
     backward = jax.linear_transpose(forward, x)
 
-    def enlarge(v: Vector, _: None) -> tuple[Vector, Float[Array, ""]]:
+    def enlarge(v: Vector, _: None) -> tuple[Vector, Scalar]:
         image = forward(v)
         (product,) = backward(image)
         length = jnp.linalg.norm(product)
@@ -106,7 +107,7 @@ def growth(
     share = jnp.linspace(0.0, 1.0, segment)[:, None]
 
     def pair(
-        tau: Float[Array, ""], y: Vector, z: Vector, start: Float[Array, "segment size"]
+        tau: Scalar, y: Vector, z: Vector, start: Float[Array, "segment size"]
     ) -> tuple[Growth, Float[Array, "segment size"]]:
         def joint(x: Vector) -> Vector:
             return field(tau, x.reshape(agents, dim), condition).reshape(-1)
@@ -141,9 +142,7 @@ def growth(
     return jax.tree.map(lambda leaf: leaf[REPEATED:].T, growths)
 
 
-def decoder_lipschitz(
-    decoder: Callable[[Float[Array, "agents dim"]], Any], z: Float[Array, "agents dim"]
-) -> float:
+def decoder_lipschitz(decoder: Callable[[States], Any], z: States) -> float:
     """L_D: the largest singular value of the decoder's Jacobian at z; for an affine decoder it is the same at every z.
 
     Args:

@@ -7,6 +7,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from deggflow.shapes import Scalar
+
 TIME_FEATURES = 5
 
 
@@ -30,7 +32,7 @@ class TeamFeatures(NamedTuple):
     weight: Float[Array, "agents others"] | None = None
 
 
-def time_features(tau: Float[Array, ""]) -> Float[Array, " 5"]:
+def time_features(tau: Scalar) -> Float[Array, " 5"]:
     """[tau, sin(pi tau), cos(pi tau), sin(2 pi tau), cos(2 pi tau)] (paper: varphi(tau))."""
     angle = jnp.pi * tau
     return jnp.stack([tau, jnp.sin(angle), jnp.cos(angle), jnp.sin(2 * angle), jnp.cos(2 * angle)])

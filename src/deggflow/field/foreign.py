@@ -9,7 +9,9 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array
+
+from deggflow.shapes import Scalar, States
 
 Call = Callable[..., Any]
 """(model, x, t, **extras) -> velocity: passes the arguments in the order and form that a model expects."""
@@ -93,9 +95,7 @@ class JaxField(eqx.Module):
     flat: bool = eqx.field(static=True, default=False)
     batched: bool = eqx.field(static=True, default=False)
 
-    def __call__(
-        self, tau: Float[Array, ""], z: Float[Array, "agents dim"], condition: Any
-    ) -> Float[Array, "agents dim"]:
+    def __call__(self, tau: Scalar, z: States, condition: Any) -> States:
         x, t, extras = z.reshape(-1) if self.flat else z, tau, dict(self.extras(condition))
         axes = "agents * dim" if self.flat else "agents, dim"
         if self.batched:

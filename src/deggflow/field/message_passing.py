@@ -9,6 +9,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
+from deggflow.shapes import Scalar, States
+
 from .features import TIME_FEATURES, TeamFeatures, time_features
 
 # Messages are summed, not averaged, so the effect of a neighbour does not depend on the team's size.
@@ -139,7 +141,7 @@ class MessagePassingField(eqx.Module):
     Source: paper, eqn:GNN; preconditioning after Karras et al. (2022), carried over to the straight path.
     """
 
-    featurise: Callable[[Float[Array, "agents dim"], Any], TeamFeatures] = eqx.field(static=True)
+    featurise: Callable[[States, Any], TeamFeatures] = eqx.field(static=True)
     spread: tuple[float, ...] = eqx.field(static=True)
     embed: eqx.nn.Linear
     rounds: tuple[MessageRound, ...]
@@ -148,7 +150,7 @@ class MessagePassingField(eqx.Module):
 
     def __init__(
         self,
-        featurise: Callable[[Float[Array, "agents dim"], Any], TeamFeatures],
+        featurise: Callable[[States, Any], TeamFeatures],
         *,
         node_size: int,
         pair_size: int,
@@ -178,9 +180,7 @@ class MessagePassingField(eqx.Module):
             width, len(spread), head_width, depth=2, activation=jax.nn.silu, key=last
         )
 
-    def reading(
-        self, featurise: Callable[[Float[Array, "agents dim"], Any], TeamFeatures]
-    ) -> "MessagePassingField":
+    def reading(self, featurise: Callable[[States, Any], TeamFeatures]) -> "MessagePassingField":
         """The same weights with other features of the same sizes."""
         return self._with("featurise", featurise)
 
@@ -196,9 +196,7 @@ class MessagePassingField(eqx.Module):
         object.__setattr__(other, name, value)
         return other
 
-    def __call__(
-        self, tau: Float[Array, ""], z: Float[Array, "agents dim"], condition: Any
-    ) -> Float[Array, "agents dim"]:
+    def __call__(self, tau: Scalar, z: States, condition: Any) -> States:
         spread = jnp.asarray(self.spread)[None]
         variance = (tau * spread) ** 2 + (1 - tau) ** 2  # of x(tau)
         features = self.featurise(z, condition)

@@ -14,7 +14,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax.experimental.buffer_callback import buffer_callback
-from jaxtyping import Array, Float
+
+from deggflow.shapes import Scalar, States
 
 from .foreign import Call, Extras, check_velocity, name_of, no_extras, state_time
 
@@ -74,9 +75,7 @@ class TorchField:
     flat: bool = False
     lend: bool = False
 
-    def __call__(
-        self, tau: Float[Array, ""], z: Float[Array, "agents dim"], condition: Any
-    ) -> Float[Array, "agents dim"]:
+    def __call__(self, tau: Scalar, z: States, condition: Any) -> States:
         self._check_mode()  # before anything is compiled, where it can be
         extras = {name: jnp.asarray(value) for name, value in self.extras(condition).items()}
         velocity = jax.ShapeDtypeStruct(z.shape, z.dtype)

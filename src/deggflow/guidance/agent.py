@@ -9,6 +9,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from deggflow.shapes import Mask, Scalar, States
+
 from .decoupled import DecoupledGuidance
 
 
@@ -47,11 +49,11 @@ def agent_input(
     guidance: DecoupledGuidance,
     state: Any,
     agent: Int[Array, ""],
-    tau: Float[Array, ""],
-    z: Float[Array, "agents dim"],
+    tau: Scalar,
+    z: States,
     drift: Float[Array, " dim"],
     condition: Any,
-    moving: Bool[Array, " agents"] | None = None,
+    moving: Mask = None,
 ) -> AgentInput:
     """The input of a single agent, equal to its part of the batched computation.
 
@@ -75,7 +77,7 @@ def agent_input(
     return AgentInput(u, guidance.control(tau, z, condition)[agent] @ u, feasible)
 
 
-def communication_cost(z: Float[Array, "agents dim"] | jax.ShapeDtypeStruct) -> CommunicationCost:
+def communication_cost(z: States | jax.ShapeDtypeStruct) -> CommunicationCost:
     """Bytes that one agent of a team receives, where requirements depend on all states."""
     others = (z.shape[0] - 1) * z.shape[1] * z.dtype.itemsize
     return CommunicationCost(others, others)

@@ -11,7 +11,15 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from deggflow.shapes import AgentValues
+
 from .margins import Dependence, Pairs
+
+OwnerValues = Float[Array, " owners"]
+"""One number per owner of a violation."""
+
+LazyDependence = Callable[[], Dependence]
+"""Which agents each owner's violation depends on now; called only where that is needed."""
 
 
 class AbstractAllocation(eqx.Module):
@@ -19,17 +27,14 @@ class AbstractAllocation(eqx.Module):
 
     @abc.abstractmethod
     def __call__(
-        self,
-        demand: Float[Array, " owners"],
-        effective_norm_sq: Float[Array, " agents"],
-        dependence: Callable[[], Dependence],
-    ) -> Float[Array, " agents"]:
+        self, demand: OwnerValues, effective_norm_sq: AgentValues, dependence: LazyDependence
+    ) -> AgentValues:
         """Shares of all agents.
 
         Args:
             demand: Decrease that each owner's violation calls for.
             effective_norm_sq: |d_i|^2 of each agent, |ell_i|^2 where V's row is its only one.
-            dependence: Tells which agents each owner's violation depends on now; called only where that is needed.
+            dependence: Which agents each owner's violation depends on.
         """
 
 
@@ -37,11 +42,8 @@ class Own(AbstractAllocation):
     """Each agent brings down its own violation by itself (paper, eqn:PE_rhs)."""
 
     def __call__(
-        self,
-        demand: Float[Array, " owners"],
-        effective_norm_sq: Float[Array, " agents"],
-        dependence: Callable[[], Dependence],
-    ) -> Float[Array, " agents"]:
+        self, demand: OwnerValues, effective_norm_sq: AgentValues, dependence: LazyDependence
+    ) -> AgentValues:
         return demand
 
 
@@ -52,11 +54,8 @@ class Pooled(AbstractAllocation):
     """
 
     def __call__(
-        self,
-        demand: Float[Array, " owners"],
-        effective_norm_sq: Float[Array, " agents"],
-        dependence: Callable[[], Dependence],
-    ) -> Float[Array, " agents"]:
+        self, demand: OwnerValues, effective_norm_sq: AgentValues, dependence: LazyDependence
+    ) -> AgentValues:
         total = jnp.sum(effective_norm_sq)
         weight = jnp.where(total > 0, effective_norm_sq / jnp.where(total > 0, total, 1.0), 0.0)
         # Where nobody has any influence the demand stays with its owners: an infeasible row, not silence.
@@ -71,11 +70,8 @@ class Local(AbstractAllocation):
     """
 
     def __call__(
-        self,
-        demand: Float[Array, " owners"],
-        effective_norm_sq: Float[Array, " agents"],
-        dependence: Callable[[], Dependence],
-    ) -> Float[Array, " agents"]:
+        self, demand: OwnerValues, effective_norm_sq: AgentValues, dependence: LazyDependence
+    ) -> AgentValues:
         influence = dependence()
         if isinstance(influence, Pairs):
             return _among_pairs(demand, effective_norm_sq, influence)
@@ -87,9 +83,7 @@ class Local(AbstractAllocation):
         return shared + jnp.where(alone, demand, 0.0)
 
 
-def _among_pairs(
-    demand: Float[Array, " owners"], effective_norm_sq: Float[Array, " agents"], pairs: Pairs
-) -> Float[Array, " agents"]:
+def _among_pairs(demand: OwnerValues, effective_norm_sq: AgentValues, pairs: Pairs) -> AgentValues:
     """The same from a list, for teams so large that owners by agents would not do.
 
     Who is listed several times, for several requirements, is asked for as many shares.

@@ -6,7 +6,8 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+
+from deggflow.shapes import Scalar
 
 SLACK = 0.02  # by which the bound starts above q(z(0)) (paper, Task 1)
 
@@ -17,14 +18,14 @@ class AbstractBound(eqx.Module):
     `end(condition)` is beta(1), which is what the requirement promises of a finished sample: it must not depend on z(0).
     """
 
-    end: eqx.AbstractVar[Callable[[Any], Float[Array, ""] | float]]
+    end: eqx.AbstractVar[Callable[[Any], Scalar | float]]
 
     @abc.abstractmethod
-    def init(self, value: Float[Array, ""], condition: Any) -> Any:
+    def init(self, value: Scalar, condition: Any) -> Any:
         """State of one sample, from q(0, z(0))."""
 
     @abc.abstractmethod
-    def __call__(self, state: Any, tau: Float[Array, ""]) -> Float[Array, ""]:
+    def __call__(self, state: Any, tau: Scalar) -> Scalar:
         """beta(tau)."""
 
 
@@ -36,16 +37,16 @@ class Ends(NamedTuple):
         end: beta(1).
     """
 
-    start: Float[Array, ""]
-    end: Float[Array, ""]
+    start: Scalar
+    end: Scalar
 
 
-def quintic(tau: Float[Array, ""]) -> Float[Array, ""]:
+def quintic(tau: Scalar) -> Scalar:
     """1 - 10 tau^3 + 15 tau^4 - 6 tau^5: from one to zero, flat at both ends to second order."""
     return 1 - tau**3 * (10 - tau * (15 - 6 * tau))
 
 
-def zero(condition: Any) -> Float[Array, ""]:
+def zero(condition: Any) -> Scalar:
     """The end value of a plain hard requirement."""
     return jnp.zeros(())
 
@@ -62,10 +63,10 @@ class TighteningBound(AbstractBound):
     Source: paper, App. on Task 1 (beta_a).
     """
 
-    end: Callable[[Any], Float[Array, ""] | float] = zero
+    end: Callable[[Any], Scalar | float] = zero
     slack: float = eqx.field(static=True, default=SLACK)
     least: float | None = eqx.field(static=True, default=None)
-    profile: Callable[[Float[Array, ""]], Float[Array, ""]] = quintic
+    profile: Callable[[Scalar], Scalar] = quintic
 
     def __check_init__(self) -> None:
         if not self.slack >= 0:
@@ -84,10 +85,10 @@ class TighteningBound(AbstractBound):
                 f"`profile` must fall from 1 at tau = 0 to 0 at tau = 1; got {ends[0]} and {ends[1]}."
             )
 
-    def init(self, value: Float[Array, ""], condition: Any) -> Ends:
+    def init(self, value: Scalar, condition: Any) -> Ends:
         end = jnp.asarray(self.end(condition), value.dtype).reshape(())
         start = value + self.slack
         return Ends(start if self.least is None else jnp.maximum(start, end + self.least), end)
 
-    def __call__(self, state: Ends, tau: Float[Array, ""]) -> Float[Array, ""]:
+    def __call__(self, state: Ends, tau: Scalar) -> Scalar:
         return state.end + (state.start - state.end) * self.profile(tau)

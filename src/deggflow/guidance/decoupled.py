@@ -9,10 +9,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from deggflow.shapes import Mask, RowFlags, RowValues, Scalar, States
+
 from .active_set import resolution
 from .qp import MinNormInput, check_limits, check_metric, min_norm_input
 from .report import GuidanceReport, not_finite, report_without_rows
-from .requirement import AbstractRequirement, ControlMap, Demand, Rows
+from .requirement import AbstractRequirement, Control, ControlMap, Demand, Rows
 from .sharing import DELTA, effective_directions
 
 TIGHT = 1e-4  # of |ell| |u| + |b|: rows met as closely are active
@@ -27,24 +29,13 @@ class AbstractGuidance(eqx.Module):
         """What reports call the rows of the requirements; none if nothing is promised."""
 
     @abc.abstractmethod
-    def init(
-        self,
-        z0: Float[Array, "agents dim"],
-        condition: Any,
-        mask: Bool[Array, " agents"] | None = None,
-    ) -> Any:
+    def init(self, z0: States, condition: Any, mask: Mask = None) -> Any:
         """State of one sample. `mask` is True for the agents that are present; None: all."""
 
     @abc.abstractmethod
     def __call__(
-        self,
-        state: Any,
-        tau: Float[Array, ""],
-        z: Float[Array, "agents dim"],
-        drift: Float[Array, "agents dim"],
-        condition: Any,
-        moving: Bool[Array, " agents"] | None = None,
-    ) -> tuple[Any, Float[Array, "agents dim"], GuidanceReport]:
+        self, state: Any, tau: Scalar, z: States, drift: States, condition: Any, moving: Mask = None
+    ) -> tuple[Any, States, GuidanceReport]:
         """The state after this point, the correction g_i u_i of every agent, added to the nominal field, and a report.
 
         Schemes of several stages call it between points, too; of those calls the state is not kept.
@@ -53,13 +44,7 @@ class AbstractGuidance(eqx.Module):
         """
 
     @abc.abstractmethod
-    def on_forced_step(
-        self,
-        state: Any,
-        tau: Float[Array, ""],
-        value: Float[Array, " rows"],
-        above: Bool[Array, " rows"],
-    ) -> Any:
+    def on_forced_step(self, state: Any, tau: Scalar, value: RowValues, above: RowFlags) -> Any:
         """The state after a step that was taken although it ended above limits."""
 
 
@@ -70,33 +55,16 @@ class NoGuidance(AbstractGuidance):
     def names(self) -> tuple[str, ...]:
         return ()
 
-    def init(
-        self,
-        z0: Float[Array, "agents dim"],
-        condition: Any,
-        mask: Bool[Array, " agents"] | None = None,
-    ) -> None:
+    def init(self, z0: States, condition: Any, mask: Mask = None) -> None:
         return None
 
     def __call__(
-        self,
-        state: None,
-        tau: Float[Array, ""],
-        z: Float[Array, "agents dim"],
-        drift: Float[Array, "agents dim"],
-        condition: Any,
-        moving: Bool[Array, " agents"] | None = None,
-    ) -> tuple[None, Float[Array, "agents dim"], GuidanceReport]:
+        self, state: Any, tau: Scalar, z: States, drift: States, condition: Any, moving: Mask = None
+    ) -> tuple[None, States, GuidanceReport]:
         none = jnp.zeros_like(z)
         return None, none, report_without_rows(drift, none)
 
-    def on_forced_step(
-        self,
-        state: None,
-        tau: Float[Array, ""],
-        value: Float[Array, " rows"],
-        above: Bool[Array, " rows"],
-    ) -> None:
+    def on_forced_step(self, state: None, tau: Scalar, value: RowValues, above: RowFlags) -> None:
         return None
 
 
@@ -137,29 +105,15 @@ class DecoupledGuidance(AbstractGuidance):
         """What reports call the requirements, one name per row."""
         return tuple(name for requirement in self.requirements for name in requirement.names)
 
-    def init(
-        self,
-        z0: Float[Array, "agents dim"],
-        condition: Any,
-        mask: Bool[Array, " agents"] | None = None,
-    ) -> tuple[Any, ...]:
+    def init(self, z0: States, condition: Any, mask: Mask = None) -> tuple[Any, ...]:
         return tuple(requirement.init(z0, condition, mask) for requirement in self.requirements)
 
-    def values(
-        self,
-        tau: Float[Array, ""],
-        z: Float[Array, "agents dim"],
-        condition: Any,
-        mask: Bool[Array, " agents"] | None = None,
-    ) -> Float[Array, " rows"]:
+    def values(self, tau: Scalar, z: States, condition: Any, mask: Mask = None) -> RowValues:
         """V or q of every row."""
         return jnp.concatenate([each.values(tau, z, condition, mask) for each in self.requirements])
 
     def margins_at_end(
-        self,
-        z: Float[Array, "agents dim"],
-        condition: Any,
-        mask: Bool[Array, " agents"] | None = None,
+        self, z: States, condition: Any, mask: Mask = None
     ) -> tuple[Float[Array, "..."], ...]:
         """The verdict of every row on z(1), as `AbstractRequirement.margins_at_end`."""
         each = [each.margins_at_end(z, condition, mask) for each in self.requirements]
@@ -176,11 +130,11 @@ class DecoupledGuidance(AbstractGuidance):
     def rows(
         self,
         state: tuple[Any, ...],
-        tau: Float[Array, ""],
-        z: Float[Array, "agents dim"],
-        drift: Float[Array, "agents dim"],
+        tau: Scalar,
+        z: States,
+        drift: States,
         condition: Any,
-        moving: Bool[Array, " agents"] | None = None,
+        moving: Mask = None,
     ) -> Rows:
         """The rows of every agent, of all requirements."""
         control = self._control(tau, z, condition)
@@ -219,9 +173,7 @@ class DecoupledGuidance(AbstractGuidance):
             gradient_nan=jnp.any(jnp.isnan(ell), axis=-1),
         )
 
-    def _control(
-        self, tau: Float[Array, ""], z: Float[Array, "agents dim"], condition: Any
-    ) -> Float[Array, "agents dim inputs"] | None:
+    def _control(self, tau: Scalar, z: States, condition: Any) -> Control:
         if self.control is None:
             return None
         control = self.control(tau, z, condition)
@@ -240,12 +192,12 @@ class DecoupledGuidance(AbstractGuidance):
     def __call__(
         self,
         state: tuple[Any, ...],
-        tau: Float[Array, ""],
-        z: Float[Array, "agents dim"],
-        drift: Float[Array, "agents dim"],
+        tau: Scalar,
+        z: States,
+        drift: States,
         condition: Any,
-        moving: Bool[Array, " agents"] | None = None,
-    ) -> tuple[tuple[Any, ...], Float[Array, "agents dim"], GuidanceReport]:
+        moving: Mask = None,
+    ) -> tuple[tuple[Any, ...], States, GuidanceReport]:
         rows = self.rows(state, tau, z, drift, condition, moving)
         self._check_metric_fits(len(z), rows.ell.shape[-1])
         u, feasible = jax.vmap(self.solve, in_axes=(1, 1, self._metric_axis))(
@@ -284,7 +236,7 @@ class DecoupledGuidance(AbstractGuidance):
     def solve(
         self,
         ell: Float[Array, "rows inputs"],
-        b: Float[Array, " rows"],
+        b: RowValues,
         metric: Float[Array, "inputs inputs"] | None,
     ) -> MinNormInput:
         """The input of one agent from its own rows and its own metric."""
@@ -298,11 +250,7 @@ class DecoupledGuidance(AbstractGuidance):
         )
 
     def on_forced_step(
-        self,
-        state: tuple[Any, ...],
-        tau: Float[Array, ""],
-        value: Float[Array, " rows"],
-        above: Bool[Array, " rows"],
+        self, state: tuple[Any, ...], tau: Scalar, value: RowValues, above: RowFlags
     ) -> tuple[Any, ...]:
         return tuple(
             requirement.on_forced_step(own, tau, value[part], above[part])

@@ -13,7 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-Margins = Callable[[Float[Array, "agents dim"], Any], Float[Array, "agents margins"]]
+from deggflow.shapes import AgentValues, Mask, Scalar, States
+
+Margins = Callable[[States, Any], Float[Array, "agents margins"]]
 """h: (z, condition) -> signed margins, one row per agent, `>= 0` where they hold."""
 
 
@@ -38,26 +40,22 @@ class AbstractMargins(eqx.Module):
     """Margins with a violation and a gradient of their own making."""
 
     @abc.abstractmethod
-    def __call__(
-        self, z: Float[Array, "agents dim"], condition: Any
-    ) -> Float[Array, "agents margins"]:
+    def __call__(self, z: States, condition: Any) -> Float[Array, "agents margins"]:
         """h_jk, or for each agent the least of several of one kind; infinite or large where there is none."""
 
     @abc.abstractmethod
-    def violation(
-        self, z: Float[Array, "agents dim"], condition: Any, buffer: float
-    ) -> Float[Array, " agents"]:
+    def violation(self, z: States, condition: Any, buffer: float) -> AgentValues:
         """V_j = sum_k max(buffer - h_jk, 0)^2 / 2 over all margins; zero for absent agents."""
 
     @abc.abstractmethod
     def violation_and_gradient(
-        self, z: Float[Array, "agents dim"], condition: Any, buffer: float
-    ) -> tuple[Float[Array, " agents"], Float[Array, "agents dim"]]:
+        self, z: States, condition: Any, buffer: float
+    ) -> tuple[AgentValues, States]:
         """V_j, and the gradient of their sum."""
 
     @abc.abstractmethod
     def dependence(
-        self, z: Float[Array, "agents dim"], condition: Any, buffer: float
+        self, z: States, condition: Any, buffer: float
     ) -> Bool[Array, "owners agents"] | Pairs:
         """Which agents' states each V_j depends on now; always on its own."""
 
@@ -67,11 +65,9 @@ class FunctionMargins(AbstractMargins):
 
     function: Margins
     name: str = eqx.field(static=True)
-    mask: Bool[Array, " agents"] | None = None
+    mask: Mask = None
 
-    def __call__(
-        self, z: Float[Array, "agents dim"], condition: Any
-    ) -> Float[Array, "agents margins"]:
+    def __call__(self, z: States, condition: Any) -> Float[Array, "agents margins"]:
         """The function's value, looked at: floating-point numbers, one row per agent."""
         margins = self.function(z, condition)
         is_array = isinstance(margins, jax.Array | np.ndarray)
@@ -90,33 +86,29 @@ class FunctionMargins(AbstractMargins):
             return margins
         return jnp.where(self.mask[:, None], margins, jnp.inf)
 
-    def violation(
-        self, z: Float[Array, "agents dim"], condition: Any, buffer: float
-    ) -> Float[Array, " agents"]:
+    def violation(self, z: States, condition: Any, buffer: float) -> AgentValues:
         """V_j of each agent."""
         return jnp.sum(jnp.maximum(buffer - self(z, condition), 0.0) ** 2, axis=-1) / 2
 
     def violation_and_gradient(
-        self, z: Float[Array, "agents dim"], condition: Any, buffer: float
-    ) -> tuple[Float[Array, " agents"], Float[Array, "agents dim"]]:
+        self, z: States, condition: Any, buffer: float
+    ) -> tuple[AgentValues, States]:
         """By reverse mode."""
 
-        def total(z: Float[Array, "agents dim"]) -> tuple[Float[Array, ""], Array]:
+        def total(z: States) -> tuple[Scalar, Array]:
             parts = self.violation(z, condition, buffer)
             return jnp.sum(parts), parts
 
         gradient, parts = jax.grad(total, has_aux=True)(z)
         return parts, gradient
 
-    def dependence(
-        self, z: Float[Array, "agents dim"], condition: Any, buffer: float
-    ) -> Bool[Array, "owners agents"]:
+    def dependence(self, z: States, condition: Any, buffer: float) -> Bool[Array, "owners agents"]:
         """By reverse mode, one pass for each owner: who can change V_j to first order, and j itself."""
         slopes = jax.jacrev(lambda z: self.violation(z, condition, buffer))(z)
         return jnp.any(slopes != 0, axis=-1) | jnp.eye(len(z), dtype=bool)
 
 
-def hinge_violation(margins: Margins, buffer: float) -> Callable[..., Float[Array, " agents"]]:
+def hinge_violation(margins: Margins, buffer: float) -> Callable[..., AgentValues]:
     """V_j(z, condition) = sum_k max(buffer - h_jk, 0)^2 / 2 from margins h_jk (`>= 0`: satisfied).
 
     `V <= buffer^2 / 2` implies every h_jk >= 0, so the buffer pays for discretisation.
@@ -142,9 +134,7 @@ def safe_norm(vector: Float[Array, "*shape dim"]) -> Float[Array, "*shape"]:
     return jnp.where(zero, 0.0, jnp.sqrt(jnp.where(zero, 1.0, square)))
 
 
-def distances(
-    z: Float[Array, "agents dim"], mask: Bool[Array, " agents"] | None = None
-) -> Float[Array, "agents agents"]:
+def distances(z: States, mask: Mask = None) -> Float[Array, "agents agents"]:
     """Distance of every agent to every other one, infinite to itself and to absent agents; safe to differentiate.
 
     Args:

@@ -5,12 +5,15 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
+
+from deggflow.shapes import Mask, RowFlags, RowValues, Scalar, States
 
 from .allocation import AbstractAllocation, Pooled
 from .margins import AbstractMargins, FunctionMargins, Margins
 from .requirement import (
     AbstractRequirement,
+    Control,
     Demand,
     check_buffer,
     check_unrounded,
@@ -32,10 +35,10 @@ class PrivateState(NamedTuple):
         mask: True for the agents that are present; None: all.
     """
 
-    start: Float[Array, ""]
-    anchor: Float[Array, ""]
-    since: Float[Array, ""]
-    mask: Bool[Array, " agents"] | None
+    start: Scalar
+    anchor: Scalar
+    since: Scalar
+    mask: Mask
 
 
 class PrivateRequirement(AbstractRequirement):
@@ -113,42 +116,28 @@ class PrivateRequirement(AbstractRequirement):
     def names(self) -> tuple[str, ...]:
         return (self.name,)
 
-    def _judged(self, mask: Bool[Array, " agents"] | None) -> AbstractMargins:
+    def _judged(self, mask: Mask) -> AbstractMargins:
         if isinstance(self.margins, AbstractMargins):
             return self.margins
         return FunctionMargins(self.margins, self.name, mask)
 
-    def init(
-        self,
-        z0: Float[Array, "agents dim"],
-        condition: Any,
-        mask: Bool[Array, " agents"] | None = None,
-    ) -> PrivateState:
+    def init(self, z0: States, condition: Any, mask: Mask = None) -> PrivateState:
         """V(0), from which c and the bound start."""
         total = self.violation(z0, condition, mask).astype(z0.dtype)
         return PrivateState(total, total, jnp.zeros_like(total), mask)
 
-    def violation(
-        self,
-        z: Float[Array, "agents dim"],
-        condition: Any,
-        mask: Bool[Array, " agents"] | None = None,
-    ) -> Float[Array, ""]:
+    def violation(self, z: States, condition: Any, mask: Mask = None) -> Scalar:
         """V = sum_j V_j, in the squared unit of the margins."""
         return jnp.sum(self._judged(mask).violation(z, condition, self.buffer))
 
-    def _gain(
-        self, total: Float[Array, "*agents"], remaining: Float[Array, ""]
-    ) -> Float[Array, "*agents"]:
+    def _gain(self, total: Float[Array, "*agents"], remaining: Scalar) -> Float[Array, "*agents"]:
         return self.kappa / (1 - self.rho) * total ** (1 - self.rho) / remaining
 
-    def bound(self, state: PrivateState, tau: Float[Array, ""]) -> Float[Array, ""]:
+    def bound(self, state: PrivateState, tau: Scalar) -> Scalar:
         """What V(tau) stays below: the theorem's bound, or that of the re-anchored gain."""
         return self._decayed(state, tau, self.kappa)
 
-    def _decayed(
-        self, state: PrivateState, tau: Float[Array, ""], kappa: float
-    ) -> Float[Array, ""]:
+    def _decayed(self, state: PrivateState, tau: Scalar, kappa: float) -> Scalar:
         whole, rest = self.omega.remaining(state.since), self.omega.remaining(tau)
         left = jnp.where(whole > 0, rest / jnp.where(whole > 0, whole, 1.0), 0.0)
         if self.reanchored:
@@ -156,20 +145,11 @@ class PrivateRequirement(AbstractRequirement):
         # Of V(0)^(1 - rho), linear in the integral of omega.
         return state.anchor * jnp.maximum(1 - kappa * (1 - left), 0.0) ** (1 / (1 - self.rho))
 
-    def values(
-        self,
-        tau: Float[Array, ""],
-        z: Float[Array, "agents dim"],
-        condition: Any,
-        mask: Bool[Array, " agents"] | None = None,
-    ) -> Float[Array, " rows"]:
+    def values(self, tau: Scalar, z: States, condition: Any, mask: Mask = None) -> RowValues:
         return self.violation(z, condition, mask)[None]
 
     def margins_at_end(
-        self,
-        z: Float[Array, "agents dim"],
-        condition: Any,
-        mask: Bool[Array, " agents"] | None = None,
+        self, z: States, condition: Any, mask: Mask = None
     ) -> tuple[Float[Array, "..."], ...]:
         margins = self._judged(mask)(z, condition)
         check_unrounded(f"`margins` of {self.name!r} are", margins, z)
@@ -181,12 +161,12 @@ class PrivateRequirement(AbstractRequirement):
     def demand(
         self,
         state: PrivateState,
-        tau: Float[Array, ""],
-        z: Float[Array, "agents dim"],
-        drift: Float[Array, "agents dim"],
-        control: Float[Array, "agents dim inputs"] | None,
+        tau: Scalar,
+        z: States,
+        drift: States,
+        control: Control,
         condition: Any,
-        moving: Bool[Array, " agents"] | None = None,
+        moving: Mask = None,
     ) -> Demand:
         margins = self._judged(state.mask)
         parts, gradient = margins.violation_and_gradient(z, condition, self.buffer)
@@ -218,9 +198,9 @@ class PrivateRequirement(AbstractRequirement):
         self,
         demand: Demand,
         effective_norm_sq: Float[Array, "rows agents"],
-        z: Float[Array, "agents dim"],
+        z: States,
         condition: Any,
-        moving: Bool[Array, " agents"] | None = None,
+        moving: Mask = None,
     ) -> Float[Array, "rows agents"]:
         required, mask = demand.required_decrease
         return self.allocation(
@@ -230,11 +210,7 @@ class PrivateRequirement(AbstractRequirement):
         )[None]
 
     def on_forced_step(
-        self,
-        state: PrivateState,
-        tau: Float[Array, ""],
-        value: Float[Array, " rows"],
-        above: Bool[Array, " rows"],
+        self, state: PrivateState, tau: Scalar, value: RowValues, above: RowFlags
     ) -> PrivateState:
         if not self.reanchored:
             return state

@@ -13,10 +13,13 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-ControlMap = Callable[
-    [Float[Array, ""], Float[Array, "agents dim"], Any], Float[Array, "agents dim inputs"]
-]
+from deggflow.shapes import Mask, RowFlags, RowValues, Scalar, States
+
+ControlMap = Callable[[Scalar, States, Any], Float[Array, "agents dim inputs"]]
 """g: (tau, z, condition) -> one matrix per agent; `None` stands for the identity."""
+
+Control = Float[Array, "agents dim inputs"] | None
+"""g at one state; None: the identity."""
 
 
 class Rows(NamedTuple):
@@ -86,24 +89,16 @@ class AbstractRequirement(eqx.Module):
         """What reports call them, one name per row."""
 
     @abc.abstractmethod
-    def init(
-        self, z0: Float[Array, "agents dim"], condition: Any, mask: Bool[Array, " agents"] | None
-    ) -> Any:
+    def init(self, z0: States, condition: Any, mask: Mask) -> Any:
         """State for one sample; bounds may depend on z(0)."""
 
     @abc.abstractmethod
-    def values(
-        self,
-        tau: Float[Array, ""],
-        z: Float[Array, "agents dim"],
-        condition: Any,
-        mask: Bool[Array, " agents"] | None,
-    ) -> Float[Array, " rows"]:
+    def values(self, tau: Scalar, z: States, condition: Any, mask: Mask) -> RowValues:
         """V or q of each row."""
 
     @abc.abstractmethod
     def margins_at_end(
-        self, z: Float[Array, "agents dim"], condition: Any, mask: Bool[Array, " agents"] | None
+        self, z: States, condition: Any, mask: Mask
     ) -> tuple[Float[Array, "..."], ...]:
         """The verdict: margins of z(1), nonnegative where a requirement holds, one array for each row.
 
@@ -119,12 +114,12 @@ class AbstractRequirement(eqx.Module):
     def demand(
         self,
         state: Any,
-        tau: Float[Array, ""],
-        z: Float[Array, "agents dim"],
-        drift: Float[Array, "agents dim"],
-        control: Float[Array, "agents dim inputs"] | None,
+        tau: Scalar,
+        z: States,
+        drift: States,
+        control: Control,
         condition: Any,
-        moving: Bool[Array, " agents"] | None = None,
+        moving: Mask = None,
     ) -> Demand:
         """What is asked at (tau, z), where the nominal field is `drift` and g is `control`.
 
@@ -136,9 +131,9 @@ class AbstractRequirement(eqx.Module):
         self,
         demand: Demand,
         effective_norm_sq: Float[Array, "rows agents"],
-        z: Float[Array, "agents dim"],
+        z: States,
         condition: Any,
-        moving: Bool[Array, " agents"] | None = None,
+        moving: Mask = None,
     ) -> Float[Array, "rows agents"]:
         """zeta: what each agent is asked for.
 
@@ -152,13 +147,7 @@ class AbstractRequirement(eqx.Module):
         """
 
     @abc.abstractmethod
-    def on_forced_step(
-        self,
-        state: Any,
-        tau: Float[Array, ""],
-        value: Float[Array, " rows"],
-        above: Bool[Array, " rows"],
-    ) -> Any:
+    def on_forced_step(self, state: Any, tau: Scalar, value: RowValues, above: RowFlags) -> Any:
         """The state after a step that was taken although it ended above a limit."""
 
 
@@ -170,7 +159,7 @@ def check_buffer(buffer: float, unit: str, aim: str) -> None:
         )
 
 
-def check_unrounded(what: str, value: Float[Array, "..."], z: Float[Array, "agents dim"]) -> None:
+def check_unrounded(what: str, value: Float[Array, "..."], z: States) -> None:
     """Raises `TypeError` if a requirement's function rounds its verdict to another type than that of the states."""
     if value.dtype != z.dtype:
         raise TypeError(
@@ -180,9 +169,7 @@ def check_unrounded(what: str, value: Float[Array, "..."], z: Float[Array, "agen
 
 
 def input_gradient(
-    control: Float[Array, "agents dim inputs"] | None,
-    gradient: Float[Array, "agents dim"],
-    moving: Bool[Array, " agents"] | None = None,
+    control: Control, gradient: States, moving: Mask = None
 ) -> Float[Array, "agents inputs"]:
     """g_i^T gradient_i of every agent; zero for those that do not move."""
     ell = gradient if control is None else jnp.einsum("adm,ad->am", control, gradient)

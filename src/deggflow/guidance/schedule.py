@@ -3,18 +3,19 @@
 import abc
 
 import equinox as eqx
-from jaxtyping import Array, Float
+
+from deggflow.shapes import Scalar
 
 
 class AbstractSchedule(eqx.Module):
     """A nonnegative weight on [0, 1] together with its integral up to tau = 1."""
 
     @abc.abstractmethod
-    def __call__(self, tau: Float[Array, ""]) -> Float[Array, ""]:
+    def __call__(self, tau: Scalar) -> Scalar:
         """omega(tau)."""
 
     @abc.abstractmethod
-    def remaining(self, tau: Float[Array, ""]) -> Float[Array, ""]:
+    def remaining(self, tau: Scalar) -> Scalar:
         """Integral of omega from tau to 1."""
 
 
@@ -31,10 +32,10 @@ class LinearSchedule(AbstractSchedule):
                 f"(paper, eqn:PE_rhs); got start = {self.start}, slope = {self.slope}."
             )
 
-    def __call__(self, tau: Float[Array, ""]) -> Float[Array, ""]:
+    def __call__(self, tau: Scalar) -> Scalar:
         return self.start + self.slope * tau
 
-    def remaining(self, tau: Float[Array, ""]) -> Float[Array, ""]:
+    def remaining(self, tau: Scalar) -> Scalar:
         return (1 - tau) * (self.start + self.slope * (1 + tau) / 2)
 
 
@@ -53,8 +54,8 @@ class PowerSchedule(AbstractSchedule):
                 f"got {self.power}."
             )
 
-    def __call__(self, tau: Float[Array, ""]) -> Float[Array, ""]:
+    def __call__(self, tau: Scalar) -> Scalar:
         return (self.power + 1) * tau**self.power
 
-    def remaining(self, tau: Float[Array, ""]) -> Float[Array, ""]:
+    def remaining(self, tau: Scalar) -> Scalar:
         return 1 - tau ** (self.power + 1)

@@ -9,9 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from deggflow.shapes import Mask, RowFlags, RowValues, Scalar, States
+
 from .bound import AbstractBound, TighteningBound
 from .requirement import (
     AbstractRequirement,
+    Control,
     Demand,
     check_buffer,
     check_unrounded,
@@ -19,11 +22,11 @@ from .requirement import (
 )
 from .sharing import AbstractSharing, AdaptiveShares
 
-FactorValue = Callable[[Float[Array, ""], Float[Array, "agents dim"], Any], Float[Array, ""]]
+FactorValue = Callable[[Scalar, States, Any], Scalar]
 """q_a(tau, z, condition), at most 0 where the requirement is met; it may depend on tau explicitly."""
 
 
-def linear(value: Float[Array, ""]) -> Float[Array, ""]:
+def linear(value: Scalar) -> Scalar:
     """alpha(s) = s (paper, Task 1)."""
     return value
 
@@ -42,7 +45,7 @@ class Recovering(eqx.Module):
                 f"`gain` must be positive, else alpha is not of extended class K; got {self.gain}."
             )
 
-    def __call__(self, value: Float[Array, ""]) -> Float[Array, ""]:
+    def __call__(self, value: Scalar) -> Scalar:
         return jnp.where(value > 0, self.gain * value, value)
 
 
@@ -69,8 +72,8 @@ class SharedFactor(eqx.Module):
 
     value: FactorValue
     bound: AbstractBound = TighteningBound()
-    alpha: Callable[[Float[Array, ""]], Float[Array, ""]] = linear
-    incidence: Callable[[Any], Bool[Array, " agents"] | None] = all_agents
+    alpha: Callable[[Scalar], Scalar] = linear
+    incidence: Callable[[Any], Mask] = all_agents
     buffer: float = eqx.field(static=True, default=0.0)
     name: str = eqx.field(static=True, default="shared")
 
@@ -81,9 +84,7 @@ class SharedFactor(eqx.Module):
             )
         check_buffer(self.buffer, "`value`", "q <= bound - buffer")
 
-    def q(
-        self, tau: Float[Array, ""], z: Float[Array, "agents dim"], condition: Any
-    ) -> Float[Array, ""]:
+    def q(self, tau: Scalar, z: States, condition: Any) -> Scalar:
         """The value, looked at: one floating-point number."""
         value = self.value(tau, z, condition)
         is_array = isinstance(value, jax.Array | np.ndarray)
@@ -99,7 +100,7 @@ class SharedFactor(eqx.Module):
             )
         return value
 
-    def end(self, condition: Any, like: Float[Array, "..."]) -> Float[Array, ""]:
+    def end(self, condition: Any, like: Float[Array, "..."]) -> Scalar:
         """What q may be at tau = 1."""
         return jnp.asarray(self.bound.end(condition), like.dtype).reshape(())
 
@@ -113,7 +114,7 @@ class SharedState(NamedTuple):
     """
 
     bounds: tuple[Any, ...]
-    mask: Bool[Array, " agents"] | None
+    mask: Mask
 
 
 class SharedRequirements(AbstractRequirement):
@@ -145,12 +146,7 @@ class SharedRequirements(AbstractRequirement):
     def names(self) -> tuple[str, ...]:
         return tuple(factor.name for factor in self.factors)
 
-    def init(
-        self,
-        z0: Float[Array, "agents dim"],
-        condition: Any,
-        mask: Bool[Array, " agents"] | None = None,
-    ) -> SharedState:
+    def init(self, z0: States, condition: Any, mask: Mask = None) -> SharedState:
         """The bounds, from q_a(0, z(0))."""
         start = jnp.zeros((), z0.dtype)
         return SharedState(
@@ -162,19 +158,12 @@ class SharedRequirements(AbstractRequirement):
         )
 
     def values(
-        self,
-        tau: Float[Array, ""],
-        z: Float[Array, "agents dim"],
-        condition: Any,
-        mask: Bool[Array, " agents"] | None = None,
+        self, tau: Scalar, z: States, condition: Any, mask: Mask = None
     ) -> Float[Array, " factors"]:
         return jnp.stack([factor.q(tau, z, condition) for factor in self.factors])
 
     def margins_at_end(
-        self,
-        z: Float[Array, "agents dim"],
-        condition: Any,
-        mask: Bool[Array, " agents"] | None = None,
+        self, z: States, condition: Any, mask: Mask = None
     ) -> tuple[Float[Array, "..."], ...]:
         q = [factor.q(jnp.ones((), z.dtype), z, condition) for factor in self.factors]
         for factor, value in zip(self.factors, q, strict=True):
@@ -189,12 +178,12 @@ class SharedRequirements(AbstractRequirement):
     def demand(
         self,
         state: SharedState,
-        tau: Float[Array, ""],
-        z: Float[Array, "agents dim"],
-        drift: Float[Array, "agents dim"],
-        control: Float[Array, "agents dim inputs"] | None,
+        tau: Scalar,
+        z: States,
+        drift: States,
+        control: Control,
         condition: Any,
-        moving: Bool[Array, " agents"] | None = None,
+        moving: Mask = None,
     ) -> Demand:
         q, pull_back = jax.vjp(lambda tau, z: self.values(tau, z, condition), tau, z)
         dq_dtau, gradient = jax.vmap(pull_back)(jnp.eye(len(self.factors), dtype=q.dtype))
@@ -219,9 +208,9 @@ class SharedRequirements(AbstractRequirement):
         self,
         demand: Demand,
         effective_norm_sq: Float[Array, "rows agents"],
-        z: Float[Array, "agents dim"],
+        z: States,
         condition: Any,
-        moving: Bool[Array, " agents"] | None = None,
+        moving: Mask = None,
     ) -> Float[Array, "rows agents"]:
         incident = self._incident(z.shape[0], condition)
         acting = incident if moving is None else incident & moving[None]
@@ -232,11 +221,7 @@ class SharedRequirements(AbstractRequirement):
         )  # eqn:SE_finite_horizon_zeta
 
     def on_forced_step(
-        self,
-        state: SharedState,
-        tau: Float[Array, ""],
-        value: Float[Array, " rows"],
-        above: Bool[Array, " rows"],
+        self, state: SharedState, tau: Scalar, value: RowValues, above: RowFlags
     ) -> SharedState:
         return state  # the bounds stay; alpha leads back below them
 
@@ -247,7 +232,7 @@ class SharedRequirements(AbstractRequirement):
     def _required(
         self,
         state: SharedState,
-        tau: Float[Array, ""],
+        tau: Scalar,
         q: Float[Array, " factors"],
         dq_dtau: Float[Array, " factors"],
         condition: Any,

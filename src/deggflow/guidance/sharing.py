@@ -15,16 +15,18 @@ from .active_set import crossing, dot, largest, project_origin, resolution, squa
 
 DELTA = 0.02  # half width of the blend in phi_delta (paper, Task 1)
 
+Amounts = Float[Array, "factors agents"]
+"""One number per factor and agent."""
+
+Incidence = Bool[Array, "factors agents"]
+"""Which agents belong to each factor."""
+
 
 class AbstractSharing(eqx.Module):
     """Weights of every factor's agents, from what each can do about it."""
 
     @abc.abstractmethod
-    def __call__(
-        self,
-        effective_norm_sq: Float[Array, "factors agents"],
-        incident: Bool[Array, "factors agents"],
-    ) -> Float[Array, "factors agents"]:
+    def __call__(self, effective_norm_sq: Amounts, incident: Incidence) -> Amounts:
         """Args: effective_norm_sq: |d_{a,i}|^2 of the effective directions; incident: which agents belong to each factor."""
 
 
@@ -90,9 +92,7 @@ def _unopposed(
     return project_origin(-others, -(others @ direction), crossing(direction.dtype))[0]
 
 
-def _normalised(
-    amount: Float[Array, "factors agents"], incident: Bool[Array, "factors agents"]
-) -> Float[Array, "factors agents"]:
+def _normalised(amount: Amounts, incident: Incidence) -> Amounts:
     """Amounts as shares of their factor's sum; equal shares where the sum is zero."""
     total = jnp.sum(amount, axis=-1, keepdims=True)
     equal = incident / jnp.maximum(jnp.sum(incident, axis=-1, keepdims=True), 1)
@@ -105,33 +105,21 @@ class AdaptiveShares(AbstractSharing):
     Source: paper, eqn:C2_weights.
     """
 
-    def __call__(
-        self,
-        effective_norm_sq: Float[Array, "factors agents"],
-        incident: Bool[Array, "factors agents"],
-    ) -> Float[Array, "factors agents"]:
+    def __call__(self, effective_norm_sq: Amounts, incident: Incidence) -> Amounts:
         return _normalised(jnp.where(incident, effective_norm_sq, 0.0), incident)
 
 
 class EqualShares(AbstractSharing):
     """Every incident agent takes the same part, whatever it can do about the factor; for comparison."""
 
-    def __call__(
-        self,
-        effective_norm_sq: Float[Array, "factors agents"],
-        incident: Bool[Array, "factors agents"],
-    ) -> Float[Array, "factors agents"]:
+    def __call__(self, effective_norm_sq: Amounts, incident: Incidence) -> Amounts:
         return _normalised(jnp.zeros(incident.shape), incident)
 
 
 class FixedShares(AbstractSharing):
     """Weights given once and for all, per factor and agent; for comparison."""
 
-    weight: Float[Array, "factors agents"]
+    weight: Amounts
 
-    def __call__(
-        self,
-        effective_norm_sq: Float[Array, "factors agents"],
-        incident: Bool[Array, "factors agents"],
-    ) -> Float[Array, "factors agents"]:
+    def __call__(self, effective_norm_sq: Amounts, incident: Incidence) -> Amounts:
         return _normalised(jnp.where(incident, self.weight, 0.0), incident)

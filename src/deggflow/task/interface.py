@@ -23,14 +23,22 @@ class Written(Protocol):
         """As it stands in a file."""
 
 
+@runtime_checkable
+class Result(Written, Protocol):
+    """What was generated for a condition, with a certificate."""
+
+    @property
+    def condition(self) -> Any:
+        """What it was generated for."""
+
+
 C = TypeVar("C", bound=Written)  # conditions
-R = TypeVar(
-    "R", bound=Written
-)  # results: a condition, what was generated for it, and a certificate
+R = TypeVar("R", bound=Result)
+Row = TypeVar("Row", bound=Written)  # of an evaluation
 
 
 class Claim(NamedTuple):
-    """What `generate` says of results that are as they should be."""
+    """What is said of results that are as they should be."""
 
     one: str
     many: str
@@ -38,6 +46,12 @@ class Claim(NamedTuple):
     def of(self, count: int) -> str:
         """In the number that the count asks for."""
         return self.one if count == 1 else self.many
+
+    def in_total(self, examinations: Sequence["Examination"]) -> str:
+        """How many results hold, and of how many lines something is wrong."""
+        good = sum(each.holds for each in examinations)
+        wrong = sum(bool(each.wrong) for each in examinations)
+        return f"{good} of {len(examinations)} {self.many}; {wrong} lines say what is not so."
 
 
 class Chunking(NamedTuple):
@@ -52,6 +66,24 @@ class Chunking(NamedTuple):
     concurrent: bool = False
 
 
+class RunSettings(NamedTuple):
+    """What decides z(0), besides a result's number among the conditions, and how often it is drawn.
+
+    Attributes:
+        seed: Of the run.
+        first: Number of the first condition in the run.
+        max_draws: Limit of draws; where none is satisfied the result says why.
+    """
+
+    seed: int
+    first: int = 0
+    max_draws: int = 1
+
+
+OnStatus = Callable[[str], None]
+"""Told in words how far the work is."""
+
+
 class AbstractGenerator(ABC, Generic[C, R]):
     """Certified results for conditions."""
 
@@ -61,22 +93,14 @@ class AbstractGenerator(ABC, Generic[C, R]):
 
     @abstractmethod
     def generate(
-        self,
-        conditions: Sequence[C],
-        *,
-        seed: int,
-        first: int,
-        max_draws: int,
-        on_status: Callable[[str], None],
+        self, conditions: Sequence[C], run: RunSettings, on_status: OnStatus
     ) -> Iterator[list[R]]:
         """Results in order, some at a time, as soon as they are finished.
 
         Args:
             conditions: What is asked for.
-            seed: With a result's number and the number of the draw, decides z(0).
-            first: Number of the first condition in the run.
-            max_draws: Limit of draws; where none is satisfied the result says why.
-            on_status: Told in words how far the work is.
+            run: What decides z(0), and how often it is drawn.
+            on_status: Told how far the work is.
         """
 
 
@@ -108,7 +132,7 @@ class Table(NamedTuple):
     note: str = ""  # below the table, one sentence for each column that needs it
 
 
-class AbstractEvaluation(ABC, Generic[R]):
+class AbstractEvaluation(ABC, Generic[Row]):
     """Something that is measured row by row.
 
     Attributes:
@@ -117,16 +141,16 @@ class AbstractEvaluation(ABC, Generic[R]):
         jobs: What measures each row.
     """
 
-    row: type[R]
+    row: type[Row]
     settings: Mapping[str, Any]
-    jobs: Sequence[Callable[[], R]]
+    jobs: Sequence[Callable[[], Row]]
 
     @abstractmethod
-    def tables(self, rows: Sequence[R]) -> Sequence[Table | str]:
+    def tables(self, rows: Sequence[Row]) -> Sequence[Table | str]:
         """What is printed of the rows: tables, and text as it is."""
 
     @abstractmethod
-    def complete(self, rows: Sequence[R]) -> bool:
+    def complete(self, rows: Sequence[Row]) -> bool:
         """Whether everything guided is satisfied and no claim is refuted."""
 
 
@@ -176,10 +200,6 @@ class AbstractTask(ABC, Generic[C, R]):
         """A result from its JSON object; `InputError` with the field where it is not as it should be."""
 
     @abstractmethod
-    def condition_of(self, result: R) -> C:
-        """What a result was generated for."""
-
-    @abstractmethod
     def generator(self, field: Field, options: GenerateOptions) -> AbstractGenerator[C, R]:
         """A generator for a field and what the options say of guidance."""
 
@@ -211,26 +231,31 @@ class AbstractTask(ABC, Generic[C, R]):
         return read_lines(path, lambda line: (self.parse_result(line), line), what)
 
 
+@dataclass(frozen=True)
+class PictureRequest(Generic[R]):
+    """One result of a file that is to be drawn.
+
+    Attributes:
+        result: The result.
+        number: Its line in the file, from 1.
+        options: Of `render`.
+        field: Loads the field, for what has to be generated again.
+        on_note: Told what is drawn otherwise than asked for, and why.
+    """
+
+    result: R
+    number: int
+    options: Any
+    field: Callable[[], Field]
+    on_note: Callable[[str], None]
+
+
 class AbstractPictures(ABC, Generic[R]):
     """How a task's results are drawn."""
 
     @abstractmethod
-    def write(
-        self,
-        result: R,
-        number: int,
-        options: Any,
-        field: Callable[[], Field],
-        on_note: Callable[[str], None],
-    ) -> Iterator[Path]:
+    def write(self, request: PictureRequest[R]) -> Iterator[Path]:
         """Draws one result, and yields what was written.
-
-        Args:
-            result: The result.
-            number: Its line in the file, from 1.
-            options: Of `render`.
-            field: Loads the field, for what has to be generated again.
-            on_note: Told what is drawn otherwise than asked for, and why.
 
         Raises:
             InputError: The result can't be generated again.

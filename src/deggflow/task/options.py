@@ -161,6 +161,15 @@ class EvaluateOptions:
         check_range("seed", self.seed, 0, MAX_SEED)
         check_range("max-draws", self.max_draws, 1, MAX_DRAWS)
 
+    def settings(self, task: str, weights: str | None) -> dict[str, Any]:
+        """What tells runs apart, whatever is measured: JSON values by name. `weights` tells the field from others."""
+        return {
+            "command": f"{task} evaluate",
+            "seed": self.seed,
+            "max_draws": self.max_draws,
+            "weights": weights,
+        }
+
 
 @dataclass(frozen=True)
 class RenderOptions:

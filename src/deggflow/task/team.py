@@ -1,25 +1,18 @@
 """A ready-made kind of task: a team whose states at tau = 1 are the result. What is particular is declared, no more."""
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
 import jax
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
+from deggflow import consistency
 from deggflow.certification import verdicts
-from deggflow.consistency import (
-    RECORD,
-    Line,
-    Unverified,
-    Wrong,
-    check_claim,
-    check_generation,
-    first_difference,
-)
+from deggflow.consistency import Line, Unverified, Wrong
 from deggflow.field import TeamFeatures
 from deggflow.files import StrPath
 from deggflow.flow import Field
@@ -27,8 +20,17 @@ from deggflow.guidance import AbstractRequirement, DecoupledGuidance
 from deggflow.jsonl import InputError, read_lines
 from deggflow.sampling import sample
 from deggflow.schema import parse_as
+from deggflow.shapes import States
 
-from .interface import AbstractGenerator, AbstractTask, Chunking, Claim, Examination
+from .interface import (
+    AbstractGenerator,
+    AbstractTask,
+    Chunking,
+    Claim,
+    Examination,
+    OnStatus,
+    RunSettings,
+)
 from .options import EvaluateOptions, GenerateOptions, TaskOptions, TrainOptions, check_range
 from .team_model import TeamModel
 from .team_report import TeamOptions, TeamSuccess
@@ -43,7 +45,7 @@ UNVERIFIED: Unverified = {
     "seed": "",
     "certificate.draws": "",
     "certificate.violation": "",
-    **{f"certificate.generation.{name}": remark for name, remark in RECORD.items()},
+    **{f"certificate.generation.{name}": remark for name, remark in consistency.RECORD.items()},
 }
 
 
@@ -104,7 +106,7 @@ class AbstractTeamTask(AbstractTask[TeamCondition, TeamSample]):
         """States as they should be, drawn at random; the field learns their distribution."""
 
     @abstractmethod
-    def features(self, z: Float[Array, "agents dim"], condition: Any) -> TeamFeatures:
+    def features(self, z: States, condition: Any) -> TeamFeatures:
         """What the field reads of z and the arrays of a condition."""
 
     @property
@@ -166,7 +168,7 @@ class AbstractTeamTask(AbstractTask[TeamCondition, TeamSample]):
 
     def other_condition(self, asked: TeamCondition, given: TeamCondition) -> Wrong | None:
         """The first difference."""
-        return first_difference(asked.to_json(), given.to_json(), "condition")
+        return consistency.first_difference(asked.to_json(), given.to_json(), "condition")
 
     def parse_result(self, value: Any) -> TeamSample:
         """A sample with its certificate."""
@@ -187,10 +189,6 @@ class AbstractTeamTask(AbstractTask[TeamCondition, TeamSample]):
                 field="agents",
             )
         return found
-
-    def condition_of(self, result: TeamSample) -> TeamCondition:
-        """What it was generated for."""
-        return result.condition
 
     def generator(self, field: Field, options: GenerateOptions) -> "TeamGenerator":
         """By `deggflow.sample`."""
@@ -224,7 +222,7 @@ class AbstractTeamTask(AbstractTask[TeamCondition, TeamSample]):
         if said["satisfied"] != good:
             what = "all requirements hold" if good else "a requirement is missed"
             yield Wrong(f"{field}.satisfied", f"is {str(said['satisfied']).lower()}, but {what}")
-        yield from check_claim(said, field)
+        yield from consistency.check_claim(said, field)
         least = min(each.margin for each in found)
         if not abs(said["min_margin"] - least) <= ROUNDING * (1 + abs(least)):
             yield Wrong(f"{field}.min_margin", f"is not the least margin, {least:.9g}")
@@ -239,16 +237,13 @@ class AbstractTeamTask(AbstractTask[TeamCondition, TeamSample]):
         if said.get("generation") is not None:
             names = DecoupledGuidance(self.requirements).names
             agents = [f"agent {k}" for k in range(self.sizes[1])]
-            yield from check_generation(said["generation"], f"{field}.generation", names, agents)
+            yield from consistency.check_generation(
+                said["generation"], f"{field}.generation", names, agents
+            )
 
     def conclude(self, examinations: Sequence[Examination]) -> str:
         """How many hold, and of how many lines something is wrong."""
-        good = sum(each.holds for each in examinations)
-        wrong = sum(bool(each.wrong) for each in examinations)
-        return (
-            f"{good} of {len(examinations)} {self.noun}s satisfy every requirement; "
-            f"{wrong} lines say what is not so."
-        )
+        return self.claim.in_total(examinations)
 
     def evaluation(
         self, field: Field, options: EvaluateOptions, weights: str | None
@@ -272,26 +267,23 @@ class TeamGenerator(AbstractGenerator[TeamCondition, TeamSample]):
         return Chunking(concurrent=True)
 
     def generate(
-        self,
-        conditions: Sequence[TeamCondition],
-        *,
-        seed: int,
-        first: int,
-        max_draws: int,
-        on_status: Callable[[str], None],
+        self, conditions: Sequence[TeamCondition], run: RunSettings, on_status: OnStatus
     ) -> Iterator[list[TeamSample]]:
         """All at once; z(0) from the seed, the number of the first condition and that of the sample."""
         task, count = self._task, len(conditions)
         arrays, masks = task.stack(conditions)
         samples = sample(
             self._field, self._guidance,
-            key=jax.random.fold_in(jax.random.key(seed), first), count=count,
+            key=jax.random.fold_in(jax.random.key(run.seed), run.first), count=count,
             shape=(task.sizes[1], task.dim), conditions=arrays, masks=masks,
-            max_draws=max_draws, guided=self._guided,
+            max_draws=run.max_draws, guided=self._guided,
         )  # fmt: skip
         yield [
             TeamSample(
-                condition, z[: int(mask.sum())].astype(np.float64) * task.scale, seed, certificate
+                condition,
+                z[: int(mask.sum())].astype(np.float64) * task.scale,
+                run.seed,
+                certificate,
             )
             for condition, z, mask, certificate in zip(
                 conditions, samples.z, masks, samples.certificates, strict=True

@@ -12,9 +12,9 @@ from jaxtyping import PRNGKeyArray
 
 from deggflow.field import MessagePassingField
 from deggflow.files import StrPath
-from deggflow.jsonl import InputError, expect_integer, expect_list, expect_number, expect_object
+from deggflow.jsonl import InputError, expect_list, expect_number
 from deggflow.train import Dataset
-from deggflow.weights import card_path, load_card, load_weights
+from deggflow.weights import expect_sizes, load_by_card
 
 from .model import AbstractModel, TrainingData
 from .options import Recipe
@@ -98,28 +98,17 @@ class TeamModel(AbstractModel):
             raise InputError(
                 f"{self.task} has no weights of its own; give --weights FILE, as `train` wrote it"
             )
-        card = load_card(path)
-        try:
-            if card.get("task") != self.task:
-                raise InputError(f"must be {self.task!r}; got {card.get('task')!r}", field="task")
-            given = expect_object(
-                card.get("architecture"), "architecture", tuple(LARGEST), tuple(LARGEST)
-            )
-            sizes = {
-                name: expect_integer(given[name], f"architecture.{name}", 1, most)
-                for name, most in LARGEST.items()
-            }
-            spread = tuple(
-                expect_number(each, f"spread[{k}]", _FEW / 2, 1e6, "")
-                for k, each in enumerate(expect_list(card.get("spread"), "spread"))
-            )
-            if len(spread) != self._task.dim:
-                raise InputError(
-                    f"must hold {self._task.dim} numbers; got {len(spread)}", field="spread"
-                )
-        except InputError as error:
-            raise InputError(error.reason, file=card_path(path), field=error.field) from None
-        skeleton = eqx.filter_eval_shape(
-            lambda key: self._field(key, spread, sizes), jax.random.key(0)
+        return load_by_card(path, self._skeleton)
+
+    def _skeleton(self, card: Mapping[str, Any]) -> MessagePassingField:
+        if card.get("task") != self.task:
+            raise InputError(f"must be {self.task!r}; got {card.get('task')!r}", field="task")
+        sizes, listed = expect_sizes(card, LARGEST), expect_list(card.get("spread"), "spread")
+        spread = tuple(
+            expect_number(each, f"spread[{k}]", _FEW / 2, 1e6, "") for k, each in enumerate(listed)
         )
-        return load_weights(path, skeleton)
+        if len(spread) != self._task.dim:
+            raise InputError(
+                f"must hold {self._task.dim} numbers; got {len(spread)}", field="spread"
+            )
+        return eqx.filter_eval_shape(lambda key: self._field(key, spread, sizes), jax.random.key(0))

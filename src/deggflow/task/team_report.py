@@ -1,13 +1,13 @@
 """What `evaluate` measures of a team task: nominal beside guided, every claim against the task's oracle."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from deggflow.flow import Field
-from deggflow.statistics import Rate
+from deggflow.statistics import Rate, Row
 
-from .interface import AbstractEvaluation, Table
+from .interface import AbstractEvaluation, RunSettings, Table
 from .options import EvaluateOptions, GenerateOptions, check_range
 from .team_sample import TeamSample
 
@@ -31,7 +31,7 @@ class TeamOptions(EvaluateOptions):
 
 
 @dataclass(frozen=True)
-class TeamEvaluation:
+class TeamEvaluation(Row):
     """One size: counts out of `cases`.
 
     Attributes:
@@ -54,10 +54,6 @@ class TeamEvaluation:
     least_margin: float | None
     refuted: int
 
-    def to_json(self) -> dict[str, Any]:
-        """As it stands in a file."""
-        return asdict(self)
-
     def rate(self, count: int) -> Rate:
         """A count as a share of the cases."""
         return Rate(count, self.cases)
@@ -74,12 +70,9 @@ class TeamSuccess(AbstractEvaluation[TeamEvaluation]):
         """Args: as of `AbstractTask.evaluation`."""
         self._task, self._field, self._options = task, field, options
         self.settings: Mapping[str, Any] = {
-            "command": f"{task.name} evaluate",
+            **options.settings(task.name, weights),
             "cases": options.cases,
             "sizes": list(options.sizes),
-            "seed": options.seed,
-            "max_draws": options.max_draws,
-            "weights": weights,
         }
         self.jobs = [self._job(size) for size in options.sizes]
 
@@ -90,10 +83,10 @@ class TeamSuccess(AbstractEvaluation[TeamEvaluation]):
         options = self._options
         given = GenerateOptions(seed=options.seed, guidance="degg" if guided else "none")
         conditions = self._task.random_conditions(size, options.cases, 0, given)
+        run = RunSettings(options.seed, max_draws=options.max_draws if guided else 1)
         (samples,) = self._task.generator(self._field, given).generate(
-            conditions, seed=options.seed, first=0,
-            max_draws=options.max_draws if guided else 1, on_status=lambda status: None,
-        )  # fmt: skip
+            conditions, run, on_status=lambda status: None
+        )
         return samples
 
     def _measure(self, size: int) -> TeamEvaluation:

@@ -13,12 +13,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import optax
-from jaxtyping import Array, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Int, PRNGKeyArray
 
 from deggflow.files import StrPath, write_atomically
 from deggflow.flow import mac_loss
 from deggflow.jsonl import InputError
 from deggflow.locks import locked
+from deggflow.shapes import Scalar
 
 from . import checkpoints
 from .folder import (
@@ -80,8 +81,8 @@ def _averaged(averaged: Any, weights: Any, step: Int[Array, ""], decay: float) -
 
 def _batch_loss(
     field: Any, data: Dataset, key: PRNGKeyArray, loss: SampleLoss, augment: Augment | None
-) -> Float[Array, ""]:
-    def sample_loss(key: PRNGKeyArray, x1: Array, condition: Any, mask: Array) -> Float[Array, ""]:
+) -> Scalar:
+    def sample_loss(key: PRNGKeyArray, x1: Array, condition: Any, mask: Array) -> Scalar:
         tau_key, noise_key, augment_key = jax.random.split(key, 3)
         if augment is not None:
             x1 = augment(augment_key, x1, condition)
@@ -107,7 +108,7 @@ def _make_programs(
         index = jax.random.randint(index_key, (config.batch,), 0, data.z.shape[0])
         batch = jax.tree.map(lambda leaf: leaf[index], data)
 
-        def of_weights(weights: Any) -> Float[Array, ""]:
+        def of_weights(weights: Any) -> Scalar:
             return _batch_loss(eqx.combine(weights, static), batch, loss_key, loss, augment)
 
         value, gradient = jax.value_and_grad(of_weights)(state.weights)
@@ -117,12 +118,12 @@ def _make_programs(
         return TrainingState(weights, averaged, optimizer_state, state.step + 1), value
 
     @partial(jax.jit, donate_argnums=0)
-    def advance(state: TrainingState, data: Dataset) -> tuple[TrainingState, Float[Array, ""]]:
+    def advance(state: TrainingState, data: Dataset) -> tuple[TrainingState, Scalar]:
         state, losses = jax.lax.scan(partial(step, data), state, None, length=config.validate_every)
         return state, jnp.mean(losses)
 
     @jax.jit
-    def validate(state: TrainingState, data: Dataset) -> Float[Array, ""]:
+    def validate(state: TrainingState, data: Dataset) -> Scalar:
         field = eqx.combine(state.averaged, static)
         return _batch_loss(field, data, jax.random.fold_in(root, _VALIDATION_KEY), loss, None)
 

@@ -8,9 +8,11 @@ from typing import Any, NamedTuple
 import jax
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-SampleLoss = Callable[..., Float[Array, ""]]
+from deggflow.shapes import Scalar, States
+
+SampleLoss = Callable[..., Scalar]
 """Loss of one sample: (field, tau, x0, x1, condition, mask) -> scalar, as `mac_loss`."""
-Augment = Callable[[PRNGKeyArray, Float[Array, "agents dim"], Any], Float[Array, "agents dim"]]
+Augment = Callable[[PRNGKeyArray, States, Any], States]
 
 _MAX_SEED = 2**31 - 1  # JAX's keys are made from 32-bit integers
 

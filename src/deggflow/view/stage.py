@@ -10,7 +10,7 @@ import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import cache
-from typing import Any, Generic, Literal, TypeVar
+from typing import Any, Generic, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from PIL import Image
@@ -24,6 +24,24 @@ State = TypeVar("State")
 
 OVERSAMPLING = 3  # of pictures for print; a video makes do with less
 VIDEO_OVERSAMPLING = 2
+
+
+class Shot(NamedTuple):
+    """How pictures are taken.
+
+    Attributes:
+        width: Of the pictures, pixels.
+        height: Of the pictures, pixels.
+        camera: MuJoCo's camera; the drawn view is always from the top.
+        renderer: "auto" draws a top view where OpenGL cannot be used, and says so once on stderr.
+        oversampling: MuJoCo renders so many times wider and higher, and averages.
+    """
+
+    width: int
+    height: int
+    camera: Camera
+    renderer: RendererName
+    oversampling: int = OVERSAMPLING
 
 
 class Stage(ABC, Generic[State]):
@@ -69,17 +87,11 @@ class MujocoStage(Stage[State]):
     than OpenGL's own multisampling.
     """
 
-    def __init__(
-        self,
-        scene: MovableModel[State],
-        width: int,
-        height: int,
-        camera: Camera,
-        oversampling: int,
-    ) -> None:
-        self._scene, self._camera, self._oversampling = scene, camera, oversampling
+    def __init__(self, scene: MovableModel[State], shot: Shot) -> None:
+        self._scene, self._camera, self._oversampling = scene, shot.camera, shot.oversampling
         self._mujoco = mujoco = import_mujoco()
-        model, fine = scene.model, (oversampling * width, oversampling * height)
+        model = scene.model
+        fine = shot.oversampling * shot.width, shot.oversampling * shot.height
         model.vis.global_.offwidth, model.vis.global_.offheight = fine
         model.vis.quality.offsamples = 0
         self._renderer = mujoco.Renderer(model, fine[1], fine[0])
@@ -118,30 +130,21 @@ class TopviewStage(Stage[State]):
 def open_stage(
     model: Callable[[], MovableModel[State]],
     topview: Callable[[State, int, int], Picture],
-    *,
-    width: int,
-    height: int,
-    camera: Camera,
-    renderer: RendererName,
-    oversampling: int,
+    shot: Shot,
 ) -> Stage[State]:
     """A stage for one scene.
 
     Args:
         model: Compiles the scene for MuJoCo; called where MuJoCo takes the pictures.
         topview: Draws a state from above, in so many pixels wide and high.
-        width: Of the pictures, pixels.
-        height: Of the pictures, pixels.
-        camera: MuJoCo's camera; the drawn view is always from the top.
-        renderer: "auto" draws a top view where OpenGL cannot be used, and says so once on stderr.
-        oversampling: MuJoCo renders so many times wider and higher, and averages.
+        shot: How the pictures are taken.
 
     Raises:
         RuntimeError: If MuJoCo is asked for and OpenGL cannot be used.
     """
-    if _mujoco_draws(renderer):
-        return MujocoStage(model(), width, height, camera, oversampling)
-    return TopviewStage(topview, width, height)
+    if _mujoco_draws(shot.renderer):
+        return MujocoStage(model(), shot)
+    return TopviewStage(topview, shot.width, shot.height)
 
 
 def _mujoco_draws(renderer: RendererName) -> bool:

@@ -1,12 +1,11 @@
 """Pictures of team tasks: each task draws its own samples on axes."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from deggflow.files import replacing
-from deggflow.flow import Field
-from deggflow.task import AbstractEvaluation, AbstractPictures, RenderOptions
+from deggflow.task import AbstractEvaluation, AbstractPictures, PictureRequest
 from deggflow.task.team import AbstractTeamTask
 from deggflow.task.team_sample import TeamSample
 
@@ -22,16 +21,9 @@ class TeamPictures(AbstractPictures[TeamSample]):
         """Args: task: whose samples are drawn."""
         self._task = task
 
-    def write(
-        self,
-        result: TeamSample,
-        number: int,
-        options: RenderOptions,
-        field: Callable[[], Field],
-        on_note: Callable[[str], None],
-    ) -> Iterator[Path]:
+    def write(self, request: PictureRequest[TeamSample]) -> Iterator[Path]:
         """`<noun>_<number>.png`, with what the certificate says below."""
-        certificate = result.certificate
+        result, certificate = request.result, request.result.certificate
         with look():
             figure, (axes,) = new_figure(INCHES, width=INCHES)
             self._task.draw(axes, result)
@@ -41,7 +33,7 @@ class TeamPictures(AbstractPictures[TeamSample]):
                 axes.set_title(
                     text, color="#B00020" if certificate.reason else "#222222", wrap=True
                 )
-            path = options.out / f"{self._task.noun}_{number:04d}.png"
+            path = request.options.out / f"{self._task.noun}_{request.number:04d}.png"
             with replacing(path) as beside:
                 figure.savefig(beside, dpi=150, bbox_inches="tight")
         yield path

@@ -19,7 +19,7 @@ from deggflow.view.bridge.mjcf import bridge_mjcf
 from deggflow.view.bridge.moment import PIT_DEPTH, THICKNESS, moment_of
 from deggflow.view.bridge.pictures import telling_ticks
 from deggflow.view.bridge.stage import BridgeModel, bridge_stage
-from deggflow.view.stage import gl_problem
+from deggflow.view.stage import Shot, gl_problem
 
 needs_gl = pytest.mark.skipif(gl_problem() is not None, reason="no OpenGL here")
 RENDERER = "matplotlib" if gl_problem() else "mujoco"
@@ -147,9 +147,7 @@ def test_the_same_moment_gives_the_same_pixels(process, camera):
 
 @needs_gl
 def test_a_stage_forgets_the_red_of_an_earlier_picture(failed):
-    stage = bridge_stage(
-        failed, width=64, height=36, camera="top", renderer="mujoco", oversampling=1
-    )
+    stage = bridge_stage(failed, Shot(64, 36, "top", "mujoco", oversampling=1))
     with closing(stage):
         before = stage.picture(moment_of(failed, 0))
         assert red(stage.picture(moment_of(failed, -1))) > red(before)

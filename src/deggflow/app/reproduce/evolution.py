@@ -10,10 +10,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from deggflow.flow import Field
-from deggflow.generation import generate
-from deggflow.guidance import AbstractGuidance
-from deggflow.step_guard import StepGuard
 from deggflow.tasks.tabletop.changes import random_conditions
 from deggflow.tasks.tabletop.codec import decode_exactly
 from deggflow.tasks.tabletop.condition import SceneCondition, TabletopCondition, take, to_arrays
@@ -49,48 +45,27 @@ class Case(NamedTuple):
     z0: Float[np.ndarray, "agents 3"]
 
 
-class _Path(NamedTuple):
-    z: Float[Array, "points agents 3"]
-    violation: Float[Array, " points"]
-    bound: Float[Array, "points rows"]
-
-
 @eqx.filter_jit
-def _program(
-    field: Field,
-    guidance: AbstractGuidance,
-    z0: Float[Array, "agents 3"],
-    condition: TabletopCondition,
-    grid: Float[Array, " points"],
-    guard: StepGuard | None,
-) -> _Path:
-    out = generate(field, guidance, z0, condition, grid=grid, guard=guard, keep_path=True)
-    assert out.path is not None
-    assert out.trace is not None
-    total = jax.vmap(lambda z: jnp.sum(TABLETOP.violation(z, condition, BUFFER)))(out.path)
-    return _Path(out.path, total, out.trace.bound)
+def _violations(
+    path: Float[Array, "points agents 3"], condition: TabletopCondition
+) -> Float[Array, " points"]:
+    return jax.vmap(lambda z: jnp.sum(TABLETOP.violation(z, condition, BUFFER)))(path)
 
 
 def evolution(
     generator: TabletopGenerator, z0: Float[np.ndarray, "agents 3"], condition: SceneCondition
 ) -> Evolution:
     """V of the condition's requirements along a generation from z(0), whoever guides it, or nobody."""
-    arrays = to_arrays([condition])
-    agents = arrays.mask.shape[1]
-    made = _program(
-        generator.field,
-        generator.guidance_for(condition),
-        jnp.asarray(z0[:agents]),
-        take(arrays, 0),
-        generator.grid,
-        generator.guard,
-    )
-    bound = np.asarray(made.bound)
+    scene = take(to_arrays([condition]), 0)
+    generation = generator.generation(z0, condition, keep_trace=True)
+    assert generation.path is not None
+    assert generation.trace is not None
+    bound = np.asarray(generation.trace.bound)
     return Evolution(
         generator.grid.tolist(),
-        made.violation.tolist(),
+        _violations(generation.path, scene).tolist(),
         bound[:, 0].tolist() if bound.shape[1] else None,
-        [decode_exactly(z, condition) for z in np.asarray(made.z)],
+        [decode_exactly(z, condition) for z in np.asarray(generation.path)],
     )
 
 

@@ -10,6 +10,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 from scipy.interpolate import BSpline
 
+from deggflow.shapes import States
+
 from .condition import BridgeCondition, Scales
 from .motion import contact_jacobian, contact_velocity
 from .world import COEFFICIENTS, EXECUTED, HORIZON
@@ -45,10 +47,7 @@ def team_shares(
 
 
 def decode_twists(
-    z: Float[Array, "agents dim"],
-    condition: BridgeCondition,
-    scales: Scales,
-    actions: int = HORIZON,
+    z: States, condition: BridgeCondition, scales: Scales, actions: int = HORIZON
 ) -> Float[Array, "actions 3"]:
     """Body twists xi_{B,t} of the first `actions` steps of the policy."""
     eta = (z * jnp.array(scales.eta)[None]).reshape(-1, COEFFICIENTS, 3)
@@ -58,7 +57,7 @@ def decode_twists(
 
 
 def decode(
-    z: Float[Array, "agents dim"], condition: BridgeCondition, scales: Scales
+    z: States, condition: BridgeCondition, scales: Scales
 ) -> Float[Array, "agents horizon 2"]:
     """The motion policy: velocities c_{i,t} of the contact points, in the plank's frame (m/s)."""
     twists = decode_twists(z, condition, scales)
@@ -78,7 +77,7 @@ def team_twist(
 
 def encode(
     velocities: Float[Array, "agents horizon 2"], condition: BridgeCondition, scales: Scales
-) -> Float[Array, "agents dim"]:
+) -> States:
     """The generative state of a motion policy: least squares, the same coefficients for every robot.
 
     Inverse of `decode` on policies whose difference from the continuation lies in the splines' span.

@@ -7,15 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from deggflow.consistency import (
-    RECORD,
-    Line,
-    Unverified,
-    Wrong,
-    check_claim,
-    check_generation,
-    first_difference,
-)
+from deggflow import consistency
+from deggflow.consistency import Line, Unverified, Wrong
 from deggflow.jsonl import shorten
 
 from .condition import TrialCondition
@@ -41,7 +34,10 @@ UNVERIFIED: Unverified = {
     "certificate.policies[].q_safe": "likewise",
     "certificate.policies[].speed": "likewise, and where it is left out, as in files of earlier versions",
     "certificate.policies[].generation": "that it is there",
-    **{f"certificate.policies[].generation.{name}": remark for name, remark in RECORD.items()},
+    **{
+        f"certificate.policies[].generation.{name}": remark
+        for name, remark in consistency.RECORD.items()
+    },
     "certificate.policies[].generation.requirements[].value": "of a speed limit, as q_safe of the policy",
 }
 _STOPPED = re.compile(r"(?:blocked at policy|policy) ([0-9]{1,6}): ")
@@ -121,7 +117,7 @@ def _claim(line: Line, policies: list[_Policy]) -> Iterator[Wrong]:
             else "is false, but the trial bridges the gap and met every bound"
         )
         yield Wrong("certificate.satisfied", shorten(text, 300))
-    yield from check_claim(certificate, "certificate")
+    yield from consistency.check_claim(certificate, "certificate")
     if reason and certificate["reason"] and certificate["reason"] != reason:
         text = f"is not what the outcome and the policies say: {reason}"
         yield Wrong("certificate.reason", shorten(text, 300))
@@ -209,7 +205,7 @@ def _generations(line: Line, policies: list[_Policy]) -> Iterator[Wrong]:
     for policy in policies:
         made, field = policy.record.get("generation"), f"{policy.field}.generation"
         if made is not None:
-            yield from check_generation(made, field, names, robots)
+            yield from consistency.check_generation(made, field, names, robots)
             yield from _values(made, field, policy)
         elif guided:
             yield Wrong(field, "is missing, though other policies of the trial were guided")
@@ -245,7 +241,7 @@ def _length(violation: float) -> float:
 def other_condition(asked: TrialCondition, given: TrialCondition) -> Wrong | None:
     """The first thing in which a line's condition is not what was asked for."""
     one, other = (_plain(condition) for condition in (asked, given))
-    return first_difference(one, other, "condition")
+    return consistency.first_difference(one, other, "condition")
 
 
 def _plain(condition: TrialCondition) -> Line:

@@ -4,16 +4,13 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from deggflow.generation import generate
-from deggflow.guidance import DecoupledGuidance, NoGuidance
+from deggflow.guidance import DecoupledGuidance
 
 from .condition import BridgeCondition
-from .field import BridgeField
-from .policies import PolicyGenerator
+from .policies import PolicyGenerator, rounded
 from .world import MAX_ROBOTS
 
 FACTORS = ("task", "safe")  # rows of the guidance, in this order
@@ -75,10 +72,9 @@ def nominal_values(
         noise: z(0).
         condition: Of one trial; numpy arrays in float64.
     """
-    grid, whole = policies.grid, _padded(condition)
-    single = jax.tree.map(lambda leaf: jnp.asarray(_rounded(leaf)), whole)
-    z0 = jnp.asarray(noise[: len(whole.mask)])
-    value = np.array(_values(policies.field, guidance, z0, single, grid), np.float64)
+    whole = _padded(condition)
+    path = policies.path(noise, whole)
+    value = np.array(_values(guidance, policies.grid, path, rounded(whole)), np.float64)
     end = policies.batch(noise[None], _lead(condition))
     value[-1] = end.q_task[0], end.q_safe[0]
     return value
@@ -86,20 +82,12 @@ def nominal_values(
 
 @eqx.filter_jit
 def _values(
-    field: BridgeField,
     guidance: DecoupledGuidance,
-    z0: Float[Array, "agents dim"],
-    condition: BridgeCondition,
     grid: Float[Array, " points"],
+    path: Float[Array, "points agents dim"],
+    condition: BridgeCondition,
 ) -> Float[Array, "points 2"]:
-    path = generate(
-        field.under(condition), NoGuidance(), z0, condition, grid=grid, keep_path=True
-    ).path
     return jax.vmap(lambda tau, z: guidance.values(tau, z, condition))(grid, path)
-
-
-def _rounded(leaf: np.ndarray) -> np.ndarray:
-    return leaf if leaf.dtype == bool else leaf.astype(np.float32)
 
 
 def _lead(condition: BridgeCondition) -> BridgeCondition:

@@ -1,13 +1,13 @@
 """Trials of nominal and guided policies from the same starts and z(0) (paper: tab:task1_results)."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from deggflow.statistics import Rate
+from deggflow.statistics import Rate, Row
 
 from .condition import TrialCondition
 from .expert import demonstrate, random_approach
@@ -55,7 +55,7 @@ class PolicyCounts:
 
 
 @dataclass(frozen=True)
-class Evaluation:
+class Evaluation(Row):
     """One size of the team: counts out of `trials`."""
 
     size: int
@@ -67,10 +67,6 @@ class Evaluation:
     least_margin: float  # m, to any failure, over everything that guided trials executed
     policies: Mapping[str, PolicyCounts]  # "nominal" and "guided"
     refuted: Sequence[str]  # outcomes that the replay refutes, of either
-
-    def to_json(self) -> dict[str, Any]:
-        """As it stands in a file."""
-        return asdict(self)
 
     def rate(self, count: int) -> Rate:
         """A count as a share of the trials."""
@@ -120,7 +116,7 @@ def evaluate(field: BridgeField, size: int, count: int, seed: int, max_draws: in
 
 
 @dataclass(frozen=True)
-class Modes:
+class Modes(Row):
     """On which side planks pass from one symmetric start."""
 
     source: str
@@ -130,10 +126,6 @@ class Modes:
     low: float  # m, how far it gets from the straight way: 5th percentile,
     median: float  # m, median,
     high: float  # m, and 95th percentile
-
-    def to_json(self) -> dict[str, Any]:
-        """As it stands in a file."""
-        return asdict(self)
 
     def rate(self, count: int) -> Rate:
         """A count as a share of the trials."""

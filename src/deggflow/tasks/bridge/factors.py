@@ -7,6 +7,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from deggflow.shapes import Scalar
+
 from .motion import rotate
 from .world import (
     CORRIDOR,
@@ -59,7 +61,7 @@ def task_margins(pose: Float[Array, " 3"]) -> Float[Array, " 6"]:
     )
 
 
-def task_factor(pose: Float[Array, " 3"]) -> Float[Array, ""]:
+def task_factor(pose: Float[Array, " 3"]) -> Scalar:
     """q_task: at most 0 only where the plank bridges the gap inside the workspace (within EPSILON m)."""
     scaled = task_margins(pose) / jnp.array(TASK_SCALES)
     return jax.nn.logsumexp(-TASK_SHARPNESS * scaled) / TASK_SHARPNESS
@@ -92,7 +94,7 @@ def safe_factor(
     poses: Float[Array, "actions 3"],
     centres: Float[Array, "agents 2"],
     mask: Bool[Array, " agents"],
-) -> Float[Array, ""]:
+) -> Scalar:
     """q_safe: at most 0 only where every safety margin holds at every pose."""
     plank, robots = jax.vmap(safe_margins, in_axes=(0, None, None))(poses, centres, mask)
     margins = jnp.concatenate([plank.reshape(-1), robots.reshape(-1)])

@@ -1,6 +1,6 @@
 """The bridge's nominal vector field: the paper's network, with what doesn't change along tau computed once."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,8 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from deggflow.field import TIME_FEATURES, time_features
 from deggflow.files import StrPath
 from deggflow.jsonl import InputError, expect_list, expect_number, expect_object
-from deggflow.weights import card_path, load_card, load_weights
+from deggflow.shapes import Scalar, States
+from deggflow.weights import load_by_card
 
 from .condition import CONTACT_SIZE, OTHER_SIZE, OWN_SIZE, BridgeCondition, Scales, observe
 from .world import AGENT_DIM, MAX_ROBOTS
@@ -22,7 +23,7 @@ MESSAGE_WIDTH = 160
 HEAD_WIDTH = 256
 LARGEST_SCALE = 1e6  # m/s and rad/s; the least is its inverse
 
-Velocity = Callable[[Float[Array, ""], Float[Array, "agents dim"], Any], Float[Array, "agents dim"]]
+Velocity = Callable[[Scalar, States, Any], States]
 
 
 class BridgeField(eqx.Module):
@@ -50,9 +51,7 @@ class BridgeField(eqx.Module):
         self.inner = tuple(eqx.nn.Linear(HEAD_WIDTH, HEAD_WIDTH, key=k) for k in keys[3:5])
         self.exit = eqx.nn.Linear(HEAD_WIDTH, AGENT_DIM, key=keys[5])
 
-    def __call__(
-        self, tau: Float[Array, ""], z: Float[Array, "agents dim"], condition: BridgeCondition
-    ) -> Float[Array, "agents dim"]:
+    def __call__(self, tau: Scalar, z: States, condition: BridgeCondition) -> States:
         """dz/dtau of every robot."""
         return self.under(condition)(tau, z, condition)
 
@@ -86,9 +85,7 @@ class BridgeField(eqx.Module):
             + _bias(self.entry)
         )
 
-        def velocity(
-            tau: Float[Array, ""], z: Float[Array, "agents dim"], _: Any
-        ) -> Float[Array, "agents dim"]:
+        def velocity(tau: Scalar, z: States, _: Any) -> States:
             said = jax.nn.silu(pairs + (z @ of_state.T)[None])
             mean = jnp.sum(said * weight, axis=1)
             hidden = (
@@ -134,11 +131,9 @@ def load_field(path: StrPath | None = None) -> BridgeField:
     Raises:
         InputError: The card or the weights are not those of a bridge field.
     """
-    path = shipped_weights() if path is None else Path(path)
-    card = load_card(path)
-    try:
+
+    def skeleton(card: Mapping[str, Any]) -> BridgeField:
         scales = _scales(card.get("scales"))
-    except InputError as error:
-        raise InputError(error.reason, file=card_path(path), field=error.field) from None
-    skeleton = eqx.filter_eval_shape(lambda key: BridgeField(scales, key=key), jax.random.key(0))
-    return load_weights(path, skeleton)
+        return eqx.filter_eval_shape(lambda key: BridgeField(scales, key=key), jax.random.key(0))
+
+    return load_by_card(shipped_weights() if path is None else path, skeleton)

@@ -6,25 +6,16 @@ from itertools import product
 import numpy as np
 from jaxtyping import Bool, Float
 
-from .world import (
-    GAP_LEFT,
-    GAP_RIGHT,
-    PLANK_LENGTH,
-    PLANK_WIDTH,
-    ROBOT_RADIUS,
-    X_MAX,
-    X_MIN,
-    Y_MAX,
-    Y_MIN,
-)
+from . import world
 
 EXACT = 1e-9  # m, rounding
 SPARE = 0.02  # m kept from the plank by moves that neither begin nor end nearer to it
 
-HALF = np.array([PLANK_LENGTH, PLANK_WIDTH]) / 2  # m
+HALF = np.array([world.PLANK_LENGTH, world.PLANK_WIDTH]) / 2  # m
 # Lower and upper corners of the grounds, for centres.
-LEFT = np.array([[X_MIN, Y_MIN], [GAP_LEFT, Y_MAX]]) + [[ROBOT_RADIUS], [-ROBOT_RADIUS]]
-RIGHT = np.array([[GAP_RIGHT, Y_MIN], [X_MAX, Y_MAX]]) + [[ROBOT_RADIUS], [-ROBOT_RADIUS]]
+_INSET = [[world.ROBOT_RADIUS], [-world.ROBOT_RADIUS]]
+LEFT = np.array([[world.X_MIN, world.Y_MIN], [world.GAP_LEFT, world.Y_MAX]]) + _INSET
+RIGHT = np.array([[world.GAP_RIGHT, world.Y_MIN], [world.X_MAX, world.Y_MAX]]) + _INSET
 
 Pose = Float[np.ndarray, " 3"]
 Points = Float[np.ndarray, "points 2"]
@@ -81,8 +72,8 @@ def around_plank(plank: Pose) -> Clear:
 
     def clear(start: Points, end: Points) -> Bool[np.ndarray, " points"]:
         nearer = np.minimum(plank_distance(plank, start), plank_distance(plank, end))
-        free = _within(start, LEFT) & _within(end, LEFT) & (nearer >= ROBOT_RADIUS - EXACT)
-        keep = np.minimum(nearer, ROBOT_RADIUS + SPARE)[:, None] - EXACT
+        free = _within(start, LEFT) & _within(end, LEFT) & (nearer >= world.ROBOT_RADIUS - EXACT)
+        keep = np.minimum(nearer, world.ROBOT_RADIUS + SPARE)[:, None] - EXACT
         a, b = seen_from(plank, start), seen_from(plank, end)
         # The plank grown by `keep` is two boxes, and a disk at each corner.
         for grown in ([1.0, 0.0], [0.0, 1.0]):

@@ -2,13 +2,12 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
-from deggflow.statistics import Rate
+from deggflow.statistics import Rate, Row
 
 from .condition import TrialCondition
 from .factors import PLANK_BUFFER, ROBOT_BUFFER
@@ -68,7 +67,7 @@ def hard_starts(robots: int, count: int, seed: int) -> list[Start]:
 
 
 @dataclass(frozen=True)
-class HardPolicies:
+class HardPolicies(Row):
     """One policy from each of `states` hard states."""
 
     size: int
@@ -81,10 +80,6 @@ class HardPolicies:
     with_forced_steps: int  # accepted, with steps taken above a limit
     blocked: Mapping[str, int]  # what is said where no draw was accepted, numbers left out
     excess: float  # largest by which a refused policy misses a bound
-
-    def to_json(self) -> dict[str, Any]:
-        """As it stands in a file."""
-        return asdict(self)
 
     def rate(self, count: int) -> Rate:
         """A count as a share of the states."""

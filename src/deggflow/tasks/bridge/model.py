@@ -5,10 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, PRNGKeyArray
+from jaxtyping import Array, Bool, PRNGKeyArray
 
 from deggflow.files import StrPath
 from deggflow.flow import Field, LinearPath
+from deggflow.shapes import Scalar, States
 from deggflow.task import AbstractModel, Recipe, TrainingData
 from deggflow.train import SampleLoss
 
@@ -31,12 +32,12 @@ def training_loss(scales: Scales) -> SampleLoss:
 
     def loss(
         field: Field,
-        tau: Float[Array, ""],
-        x0: Float[Array, "agents dim"],
-        x1: Float[Array, "agents dim"],
+        tau: Scalar,
+        x0: States,
+        x1: States,
         example: Example,
         mask: Bool[Array, " agents"],
-    ) -> Float[Array, ""]:
+    ) -> Scalar:
         condition, present = example.condition, jnp.sum(mask)
         x, velocity = LinearPath().sample(tau, x0, x1)
         found = field(tau, x, condition)

@@ -5,20 +5,11 @@ from pathlib import Path
 from typing import Literal
 
 from deggflow.jsonl import InputError
-from deggflow.task import (
-    EvaluateOptions,
-    GenerateOptions,
-    Recipe,
-    RenderOptions,
-    TaskOptions,
-    TrainOptions,
-    check_range,
-)
-from deggflow.task.options import MAX_COUNT
+from deggflow.task import options
 
 
 @dataclass(frozen=True)
-class DemonstrationRecipe(Recipe):
+class DemonstrationRecipe(options.Recipe):
     """Which demonstrations are made.
 
     Attributes:
@@ -30,7 +21,7 @@ class DemonstrationRecipe(Recipe):
 
 
 @dataclass(frozen=True)
-class BridgeTrain(TrainOptions):
+class BridgeTrain(options.TrainOptions):
     """How the field is trained.
 
     Attributes:
@@ -42,7 +33,7 @@ class BridgeTrain(TrainOptions):
 
 
 @dataclass(frozen=True)
-class BridgeGenerate(GenerateOptions):
+class BridgeGenerate(options.GenerateOptions):
     """Which trials are generated, and how.
 
     Attributes:
@@ -69,7 +60,7 @@ class BridgeGenerate(GenerateOptions):
 
 
 @dataclass(frozen=True)
-class BridgeEvaluate(EvaluateOptions):
+class BridgeEvaluate(options.EvaluateOptions):
     """What is measured.
 
     Attributes:
@@ -89,9 +80,9 @@ class BridgeEvaluate(EvaluateOptions):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_range("hard", self.hard, 0, MAX_COUNT)
-        check_range("trials", self.trials, 1, MAX_COUNT)
-        check_range("modes", self.modes, 0, MAX_COUNT)
+        options.check_range("hard", self.hard, 0, options.MAX_COUNT)
+        options.check_range("trials", self.trials, 1, options.MAX_COUNT)
+        options.check_range("modes", self.modes, 0, options.MAX_COUNT)
         if self.hard and self.modes:
             raise InputError("--hard and --modes measure different things; give one")
         endings = (".png", ".pdf", ".svg")
@@ -100,7 +91,7 @@ class BridgeEvaluate(EvaluateOptions):
 
 
 @dataclass(frozen=True)
-class BridgeRender(RenderOptions):
+class BridgeRender(options.RenderOptions):
     """What is drawn of each trial.
 
     Attributes:
@@ -119,7 +110,7 @@ class BridgeRender(RenderOptions):
     renderer: Literal["auto", "mujoco", "matplotlib"] = "auto"
 
 
-OPTIONS = TaskOptions(
+OPTIONS = options.TaskOptions(
     data=DemonstrationRecipe,
     train=BridgeTrain,
     generate=BridgeGenerate,

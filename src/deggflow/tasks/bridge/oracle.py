@@ -16,21 +16,7 @@ import shapely
 from jaxtyping import Bool, Float, Int
 from shapely.geometry import box
 
-from .world import (
-    CENTRE_SIDE,
-    CORRIDOR,
-    END_CLEARANCE,
-    GAP_LEFT,
-    GAP_RIGHT,
-    PLANK_LENGTH,
-    PLANK_WIDTH,
-    ROBOT_RADIUS,
-    SUPPORT,
-    X_MAX,
-    X_MIN,
-    Y_MAX,
-    Y_MIN,
-)
+from . import world
 
 PARTS = (
     8  # poses looked at in every action, besides those between that are looked at where it is close
@@ -42,11 +28,14 @@ SAGITTA = 1e-3  # m by which a least margin may differ, as it is taken at other 
 FLOOR = 1e-9  # m; what margins do between two poses that are as close is below rounding
 
 _FAR = 1e3  # m, beyond everything
-_REACH = float(np.hypot(PLANK_LENGTH / 2, CENTRE_SIDE))  # m, no point that counts is farther out
-_WORKSPACE = box(X_MIN, Y_MIN, X_MAX, Y_MAX)
-_OFF_LEFT, _OFF_RIGHT = box(GAP_LEFT, -_FAR, _FAR, _FAR), box(-_FAR, -_FAR, GAP_RIGHT, _FAR)
-_LEFT, _RIGHT = box(-_FAR, -_FAR, GAP_LEFT, _FAR), box(GAP_RIGHT, -_FAR, _FAR, _FAR)
-_HALF_WAY = PLANK_LENGTH / 2 - ROBOT_RADIUS - END_CLEARANCE  # m
+# m, no point that counts is farther out
+_REACH = float(np.hypot(world.PLANK_LENGTH / 2, world.CENTRE_SIDE))
+_WORKSPACE = box(world.X_MIN, world.Y_MIN, world.X_MAX, world.Y_MAX)
+_OFF_LEFT = box(world.GAP_LEFT, -_FAR, _FAR, _FAR)
+_OFF_RIGHT = box(-_FAR, -_FAR, world.GAP_RIGHT, _FAR)
+_LEFT = box(-_FAR, -_FAR, world.GAP_LEFT, _FAR)
+_RIGHT = box(world.GAP_RIGHT, -_FAR, _FAR, _FAR)
+_HALF_WAY = world.PLANK_LENGTH / 2 - world.ROBOT_RADIUS - world.END_CLEARANCE  # m
 _BLAMED = re.compile(
     "(?P<start>at the start )?"
     "(the plank (?P<plank>leaves the workspace|loses its support)|"
@@ -139,24 +128,27 @@ def _inside(shapes: np.ndarray) -> np.ndarray:
 
 def judge(value: Mapping[str, Any], moves: Moves) -> Motion:
     """Margins of a replay."""
-    half = np.array([PLANK_LENGTH, PLANK_WIDTH]) / 2
+    half = np.array([world.PLANK_LENGTH, world.PLANK_WIDTH]) / 2
     corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * half
     planks = shapely.polygons(_placed(moves, corners))
     ways = shapely.linestrings(_placed(moves, np.array([[-_HALF_WAY, 0.0], [_HALF_WAY, 0.0]])))
     contacts = np.array(value["condition"]["contacts"], np.float64)
-    centres = np.column_stack([contacts[:, 0], CENTRE_SIDE * np.sign(contacts[:, 1])])
+    centres = np.column_stack([contacts[:, 0], world.CENTRE_SIDE * np.sign(contacts[:, 1])])
     robots = shapely.points(_placed(moves, centres))
     on_left = shapely.bounds(shapely.intersection(planks, _LEFT))[:, 0]
     on_right = shapely.bounds(shapely.intersection(planks, _RIGHT))[:, 2]
     reach = shapely.bounds(ways)
-    support = np.column_stack([GAP_LEFT - on_left, on_right - GAP_RIGHT]) - SUPPORT
+    support = (
+        np.column_stack([world.GAP_LEFT - on_left, on_right - world.GAP_RIGHT]) - world.SUPPORT
+    )
     return Motion(
         _inside(planks),
         np.where(np.isnan(support), -_FAR, support),  # nothing of the plank is there
-        np.column_stack([GAP_LEFT - reach[:, 0], reach[:, 2] - GAP_RIGHT]) - CORRIDOR,
-        _inside(robots) - ROBOT_RADIUS,
+        np.column_stack([world.GAP_LEFT - reach[:, 0], reach[:, 2] - world.GAP_RIGHT])
+        - world.CORRIDOR,
+        _inside(robots) - world.ROBOT_RADIUS,
         np.stack([shapely.distance(robots, off) for off in (_OFF_LEFT, _OFF_RIGHT)], -1)
-        - ROBOT_RADIUS,
+        - world.ROBOT_RADIUS,
     )
 
 
@@ -253,17 +245,23 @@ def least_margin(value: Mapping[str, Any]) -> tuple[float, float]:
 
 
 def _depth(value: Mapping[str, Any], moves: Moves) -> float:
-    half = np.array([PLANK_LENGTH, PLANK_WIDTH]) / 2
+    half = np.array([world.PLANK_LENGTH, world.PLANK_WIDTH]) / 2
     corners = _placed(moves, np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * half)
     contacts = np.array(value["condition"]["contacts"], np.float64)
-    centres = np.column_stack([contacts[:, 0], CENTRE_SIDE * np.sign(contacts[:, 1])])
+    centres = np.column_stack([contacts[:, 0], world.CENTRE_SIDE * np.sign(contacts[:, 1])])
     robots = _placed(moves, centres)
-    low, high = np.array([X_MIN, Y_MIN]), np.array([X_MAX, Y_MAX])
-    support = np.maximum(GAP_LEFT - corners[..., 0].min(-1), corners[..., 0].max(-1) - GAP_RIGHT)
-    off = np.maximum(GAP_LEFT - robots[..., 0], robots[..., 0] - GAP_RIGHT)
+    low, high = np.array([world.X_MIN, world.Y_MIN]), np.array([world.X_MAX, world.Y_MAX])
+    support = np.maximum(
+        world.GAP_LEFT - corners[..., 0].min(-1), corners[..., 0].max(-1) - world.GAP_RIGHT
+    )
+    off = np.maximum(world.GAP_LEFT - robots[..., 0], robots[..., 0] - world.GAP_RIGHT)
     found = (
-        *(corners - low, high - corners, support - SUPPORT),
-        *(robots - low - ROBOT_RADIUS, high - robots - ROBOT_RADIUS, off - ROBOT_RADIUS),
+        *(corners - low, high - corners, support - world.SUPPORT),
+        *(
+            robots - low - world.ROBOT_RADIUS,
+            high - robots - world.ROBOT_RADIUS,
+            off - world.ROBOT_RADIUS,
+        ),
     )
     return float(min(each.min() for each in found))
 

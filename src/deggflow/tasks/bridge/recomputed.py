@@ -6,25 +6,13 @@ Shares only the place's dimensions with the factors that guide and judge the gen
 import numpy as np
 from jaxtyping import Float
 
-from .world import (
-    CENTRE_SIDE,
-    CORRIDOR,
-    END_CLEARANCE,
-    GAP_LEFT,
-    GAP_RIGHT,
-    PLANK_LENGTH,
-    PLANK_WIDTH,
-    ROBOT_RADIUS,
-    SUPPORT,
-    Y_MAX,
-    Y_MIN,
-)
+from . import world
 
 PROGRESS = 0.05  # by which a policy must lower q_task
 _ROUNDED = 1e-6  # epsilon of the smooth absolute value
 _TASK, _SAFE = 80.0, 60.0  # sharpness of both factors
 _WIDE, _NARROW, _CLOSE = 0.55, 0.2, 0.1  # m, scales of margins: of support, of the rest, of safety
-_PLANK_ROOM, _ROBOT_ROOM = 0.2, ROBOT_RADIUS + 0.1  # m
+_PLANK_ROOM, _ROBOT_ROOM = 0.2, world.ROBOT_RADIUS + 0.1  # m
 _EITHER = 0.02  # m, width of the smooth maximum of the two supports
 _HINGE = 0.02  # m/s, delta of a speed limit
 
@@ -37,7 +25,7 @@ def _extents(theta: Float[np.ndarray, "*_"]) -> tuple[np.ndarray, np.ndarray, np
     """How far the plank reaches from its centre along x and y (m), and the rounded |cos|."""
     cos = np.hypot(np.cos(theta), _ROUNDED)
     sin = np.hypot(np.sin(theta), _ROUNDED)
-    along, across = PLANK_LENGTH / 2, PLANK_WIDTH / 2
+    along, across = world.PLANK_LENGTH / 2, world.PLANK_WIDTH / 2
     return along * cos + across * sin, along * sin + across * cos, cos
 
 
@@ -45,14 +33,14 @@ def q_task(poses: Poses) -> Float[np.ndarray, " poses"]:
     """The task factor at each pose."""
     x, y, theta = poses.T
     reach, side, cos = _extents(theta)
-    way = (PLANK_LENGTH / 2 - ROBOT_RADIUS - END_CLEARANCE) * cos
+    way = (world.PLANK_LENGTH / 2 - world.ROBOT_RADIUS - world.END_CLEARANCE) * cos
     scaled = [
-        (GAP_LEFT - (x - reach) - SUPPORT) / _WIDE,
-        ((x + reach) - GAP_RIGHT - SUPPORT) / _WIDE,
-        (GAP_LEFT - (x - way) - CORRIDOR) / _NARROW,
-        ((x + way) - GAP_RIGHT - CORRIDOR) / _NARROW,
-        (Y_MAX - (y + side)) / _NARROW,
-        ((y - side) - Y_MIN) / _NARROW,
+        (world.GAP_LEFT - (x - reach) - world.SUPPORT) / _WIDE,
+        ((x + reach) - world.GAP_RIGHT - world.SUPPORT) / _WIDE,
+        (world.GAP_LEFT - (x - way) - world.CORRIDOR) / _NARROW,
+        ((x + way) - world.GAP_RIGHT - world.CORRIDOR) / _NARROW,
+        (world.Y_MAX - (y + side)) / _NARROW,
+        ((y - side) - world.Y_MIN) / _NARROW,
     ]
     return np.asarray(np.logaddexp.reduce(-_TASK * np.array(scaled), axis=0) / _TASK)
 
@@ -61,15 +49,17 @@ def q_safe(poses: Poses, contacts: Contacts) -> float:
     """The safety factor of a way along these poses; of more poses it is never less."""
     x, y, theta = poses.T
     reach, side, _ = _extents(theta)
-    left, right = GAP_LEFT - (x - reach) - SUPPORT, (x + reach) - GAP_RIGHT - SUPPORT
+    left = world.GAP_LEFT - (x - reach) - world.SUPPORT
+    right = (x + reach) - world.GAP_RIGHT - world.SUPPORT
     support = (left + right + np.hypot(left - right, _EITHER) - _EITHER) / 2
-    centres = contacts[:, 0] + 1j * np.where(contacts[:, 1] < 0, -CENTRE_SIDE, CENTRE_SIDE)
+    aside = np.where(contacts[:, 1] < 0, -world.CENTRE_SIDE, world.CENTRE_SIDE)
+    centres = contacts[:, 0] + 1j * aside
     place = (x + 1j * y)[:, None] + np.exp(1j * theta)[:, None] * centres
     margins = [
-        *(Y_MAX - _PLANK_ROOM - (y + side), (y - side) - _PLANK_ROOM - Y_MIN, support),
-        *(GAP_LEFT - _ROBOT_ROOM - place.real).T,
-        *(Y_MAX - _ROBOT_ROOM - place.imag).T,
-        *(place.imag - _ROBOT_ROOM - Y_MIN).T,
+        *(world.Y_MAX - _PLANK_ROOM - (y + side), (y - side) - _PLANK_ROOM - world.Y_MIN, support),
+        *(world.GAP_LEFT - _ROBOT_ROOM - place.real).T,
+        *(world.Y_MAX - _ROBOT_ROOM - place.imag).T,
+        *(place.imag - _ROBOT_ROOM - world.Y_MIN).T,
     ]
     exponents = -_SAFE * np.concatenate(margins) / _CLOSE
     return float(np.logaddexp.reduce(exponents) / _SAFE)

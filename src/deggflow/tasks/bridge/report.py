@@ -226,12 +226,7 @@ def evaluation_of(
         options: Of `evaluate`.
         weights: What tells the field from others; None for the shipped one.
     """
-    settings = {
-        "command": "bridge evaluate",
-        "seed": options.seed,
-        "max_draws": options.max_draws,
-        "weights": weights,
-    }
+    settings = options.settings("bridge", weights)
     if options.hard:
         return HardEvaluation(field, options, settings)
     if options.modes:

@@ -18,6 +18,7 @@ from deggflow.guidance import (
     SharedRequirements,
     TighteningBound,
 )
+from deggflow.shapes import Scalar, States
 
 from .codec import decode_twists
 from .condition import BridgeCondition, Scales, centres
@@ -37,9 +38,7 @@ class TaskValue(eqx.Module):
 
     scales: Scales = eqx.field(static=True)
 
-    def __call__(
-        self, tau: Float[Array, ""], z: Float[Array, "agents dim"], condition: BridgeCondition
-    ) -> Float[Array, ""]:
+    def __call__(self, tau: Scalar, z: States, condition: BridgeCondition) -> Scalar:
         """q_task(z | chi); tau does not enter."""
         twists = decode_twists(z, condition, self.scales, EXECUTED)
         return task_factor(integrate(condition.plank, twists, DT)[-1])
@@ -50,16 +49,14 @@ class SafeValue(eqx.Module):
 
     scales: Scales = eqx.field(static=True)
 
-    def __call__(
-        self, tau: Float[Array, ""], z: Float[Array, "agents dim"], condition: BridgeCondition
-    ) -> Float[Array, ""]:
+    def __call__(self, tau: Scalar, z: States, condition: BridgeCondition) -> Scalar:
         """q_safe(z | chi); tau does not enter."""
         twists = decode_twists(z, condition, self.scales, EXECUTED)
         poses = integrate(condition.plank, twists, DT)
         return safe_factor(poses, centres(condition.contacts), condition.mask)
 
 
-def task_end(condition: BridgeCondition) -> Float[Array, ""]:
+def task_end(condition: BridgeCondition) -> Scalar:
     """beta_task(1): the present value of q_task less the progress asked for."""
     return task_factor(condition.plank) - PROGRESS
 
@@ -92,9 +89,7 @@ class SpeedMargins(eqx.Module):
     scales: Scales = eqx.field(static=True)
     limit: float = eqx.field(static=True)  # m/s
 
-    def __call__(
-        self, z: Float[Array, "agents dim"], condition: BridgeCondition
-    ) -> Float[Array, "agents actions"]:
+    def __call__(self, z: States, condition: BridgeCondition) -> Float[Array, "agents actions"]:
         """h_it of every robot; infinite for absent ones."""
         twists = decode_twists(z, condition, self.scales, EXECUTED)
         velocity = contact_velocity(twists[None], condition.contacts[:, None])
@@ -119,9 +114,7 @@ def bridge_guidance(
     return DecoupledGuidance(tuple(requirements))
 
 
-def final_values(
-    z: Float[Array, "agents dim"], condition: BridgeCondition, scales: Scales
-) -> Float[Array, " 3"]:
+def final_values(z: States, condition: BridgeCondition, scales: Scales) -> Float[Array, " 3"]:
     """q_task(z(1)), beta_task(1) and q_safe(z(1)); beta_safe(1) is 0."""
     tau = jnp.ones((), z.dtype)
     return jnp.stack(

@@ -1,6 +1,6 @@
 """The bridge task, as the commands see it."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple, cast
 
 from deggflow.consistency import Line, Wrong
@@ -13,6 +13,8 @@ from deggflow.task import (
     EvaluateOptions,
     Examination,
     GenerateOptions,
+    OnStatus,
+    RunSettings,
     check_range,
 )
 
@@ -43,22 +45,14 @@ class TrialStream(AbstractGenerator[TrialCondition, Trial]):
         return Chunking()
 
     def generate(
-        self,
-        conditions: Sequence[TrialCondition],
-        *,
-        seed: int,
-        first: int,
-        max_draws: int,
-        on_status: Callable[[str], None],
+        self, conditions: Sequence[TrialCondition], run: RunSettings, on_status: OnStatus
     ) -> Iterator[list[Trial]]:
         """As `BridgeGenerator.stream`."""
 
         def tell(current: Round) -> None:
             on_status(f"policy {current.policy + 1}, {len(current.trials)} trials under way")
 
-        return self.generator.stream(
-            conditions, seed=seed, first=first, max_draws=max_draws, on_round=tell
-        )
+        return self.generator.stream(conditions, **run._asdict(), on_round=tell)
 
 
 def trial_generator(
@@ -86,16 +80,8 @@ class BridgeTask(AbstractTask[TrialCondition, Trial]):
     sizes = (MIN_ROBOTS, MAX_ROBOTS)
     options = OPTIONS
     unverified = UNVERIFIED
-
-    @property
-    def claim(self) -> Claim:
-        """What success is."""
-        return Claim("trial bridges the gap", "trials bridge the gap")
-
-    @property
-    def model(self) -> BridgeModel:
-        """An expert's demonstrations and the paper's network."""
-        return BridgeModel()
+    claim = Claim("trial bridges the gap", "trials bridge the gap")
+    model = BridgeModel()
 
     def parse_condition(self, value: Any, field: str = "") -> TrialCondition:
         """As `formats.parse_condition`."""
@@ -114,10 +100,6 @@ class BridgeTask(AbstractTask[TrialCondition, Trial]):
     def parse_result(self, value: Any) -> Trial:
         """As `formats.parse_trial`."""
         return parse_trial(value)
-
-    def condition_of(self, result: Trial) -> TrialCondition:
-        """Start, goal and contact points."""
-        return result.condition
 
     def generator(self, field: Field, options: GenerateOptions) -> TrialStream:
         """Trials with the default guidance and a speed limit, or without any."""

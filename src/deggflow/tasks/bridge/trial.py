@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from deggflow.certificate import GenerationRecord, columns
+from deggflow.certificate import GenerationRecord, columns, with_generation
 
 from .condition import TrialCondition
 from .world import DT
@@ -28,12 +28,7 @@ class PolicyRecord:
 
     def to_json(self) -> dict[str, Any]:
         """As it stands in a file."""
-        out = asdict(self)
-        if self.generation is None:
-            del out["generation"]
-        else:
-            out["generation"] = self.generation.to_json()
-        return out
+        return with_generation(asdict(self), self.generation)
 
     @property
     def excess(self) -> float:

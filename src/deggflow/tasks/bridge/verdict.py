@@ -9,29 +9,15 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from . import world
 from .arcs import crossing_times, in_order, moved, turning_times
-from .world import (
-    CENTRE_SIDE,
-    CORRIDOR,
-    DT,
-    END_CLEARANCE,
-    GAP_LEFT,
-    GAP_RIGHT,
-    PLANK_LENGTH,
-    PLANK_WIDTH,
-    ROBOT_RADIUS,
-    SUPPORT,
-    X_MAX,
-    X_MIN,
-    Y_MAX,
-    Y_MIN,
-)
 
 SUB_POSES = 4  # poses looked at in every action, besides those at which a margin may be least
-_CORNERS = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]]) * [PLANK_LENGTH / 2, PLANK_WIDTH / 2]
+_HALF = np.array([world.PLANK_LENGTH, world.PLANK_WIDTH]) / 2  # m
+_CORNERS = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]]) * _HALF
 _CENTRE = np.zeros((1, 2))
-_REGULAR = DT * np.arange(1, SUB_POSES + 1) / SUB_POSES  # s
-_WAY = PLANK_LENGTH / 2 - ROBOT_RADIUS - END_CLEARANCE  # m, half length of the robots' way
+_REGULAR = world.DT * np.arange(1, SUB_POSES + 1) / SUB_POSES  # s
+_WAY = _HALF[0] - world.ROBOT_RADIUS - world.END_CLEARANCE  # m, half length of the robots' way
 
 Poses = Float[np.ndarray, "... 3"]
 
@@ -81,7 +67,7 @@ def _rotated(
 def robot_centres(contacts: Sequence[Sequence[float]]) -> Float[np.ndarray, "robots 2"]:
     """Robots' centres in the plank's frame (m)."""
     r = np.asarray(contacts, np.float64).reshape(-1, 2)
-    return np.stack([r[:, 0], np.copysign(CENTRE_SIDE, r[:, 1])], -1)
+    return np.stack([r[:, 0], np.copysign(world.CENTRE_SIDE, r[:, 1])], -1)
 
 
 def margins(poses: Poses, contacts: Sequence[Sequence[float]]) -> Margins:
@@ -90,11 +76,15 @@ def margins(poses: Poses, contacts: Sequence[Sequence[float]]) -> Margins:
     low, high = corners.min(-2), corners.max(-2)
     robots = poses[..., None, :2] + _rotated(poses[..., 2], robot_centres(contacts))
     x, y = robots[..., 0], robots[..., 1]
-    inside = np.minimum(np.minimum(x - X_MIN, X_MAX - x), np.minimum(y - Y_MIN, Y_MAX - y))
-    plank = np.minimum(low - [X_MIN, Y_MIN], [X_MAX, Y_MAX] - high).min(-1)
-    support = np.maximum(GAP_LEFT - low[..., 0], high[..., 0] - GAP_RIGHT) - SUPPORT
-    off_gap = np.maximum(GAP_LEFT - x, x - GAP_RIGHT) - ROBOT_RADIUS
-    return Margins(plank, support, inside - ROBOT_RADIUS, off_gap)
+    inside = np.minimum(
+        np.minimum(x - world.X_MIN, world.X_MAX - x), np.minimum(y - world.Y_MIN, world.Y_MAX - y)
+    )
+    plank = np.minimum(low - [world.X_MIN, world.Y_MIN], [world.X_MAX, world.Y_MAX] - high).min(-1)
+    support = (
+        np.maximum(world.GAP_LEFT - low[..., 0], high[..., 0] - world.GAP_RIGHT) - world.SUPPORT
+    )
+    off_gap = np.maximum(world.GAP_LEFT - x, x - world.GAP_RIGHT) - world.ROBOT_RADIUS
+    return Margins(plank, support, inside - world.ROBOT_RADIUS, off_gap)
 
 
 def bridges(poses: Poses) -> Bool[np.ndarray, "..."]:
@@ -102,14 +92,14 @@ def bridges(poses: Poses) -> Bool[np.ndarray, "..."]:
     along = _rotated(poses[..., 2], _CORNERS)[..., 0]
     low, high = poses[..., 0] + along.min(-1), poses[..., 0] + along.max(-1)
     way = _WAY * np.abs(np.cos(poses[..., 2]))
-    supported = (low <= GAP_LEFT - SUPPORT) & (high >= GAP_RIGHT + SUPPORT)
-    passable = (poses[..., 0] - way <= GAP_LEFT - CORRIDOR) & (
-        poses[..., 0] + way >= GAP_RIGHT + CORRIDOR
+    supported = (low <= world.GAP_LEFT - world.SUPPORT) & (high >= world.GAP_RIGHT + world.SUPPORT)
+    passable = (poses[..., 0] - way <= world.GAP_LEFT - world.CORRIDOR) & (
+        poses[..., 0] + way >= world.GAP_RIGHT + world.CORRIDOR
     )
     return np.asarray(supported & passable)
 
 
-def move(pose: Poses, twist: Poses, seconds: float = DT) -> Poses:
+def move(pose: Poses, twist: Poses, seconds: float = world.DT) -> Poses:
     """Poses after a constant body twist, by the exact motion along a circle."""
     return moved(pose, twist, seconds)
 
@@ -118,7 +108,7 @@ def sub_poses(
     pose: Poses, twist: Poses, parts: int = SUB_POSES
 ) -> Float[np.ndarray, "... parts 3"]:
     """Poses within an action, its end included."""
-    return np.stack([move(pose, twist, DT * k / parts) for k in range(1, parts + 1)], -2)
+    return np.stack([move(pose, twist, world.DT * k / parts) for k in range(1, parts + 1)], -2)
 
 
 def contact_speeds(
@@ -182,7 +172,7 @@ def integrate(
 ) -> Float[np.ndarray, "poses 3"]:
     """The initial pose and the pose after each action."""
     start = np.asarray(pose, np.float64)
-    theta = start[2] + DT * np.concatenate([[0.0], np.cumsum(twists[:, 2])])
+    theta = start[2] + world.DT * np.concatenate([[0.0], np.cumsum(twists[:, 2])])
     zero = np.zeros((len(twists), 2))
     steps = move(np.concatenate([zero, theta[:-1, None]], -1), twists)[:, :2]
     place = start[:2] + np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])

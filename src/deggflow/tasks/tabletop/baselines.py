@@ -21,6 +21,7 @@ from deggflow.guidance import (
     NoGuidance,
     PowerSchedule,
 )
+from deggflow.shapes import Scalar
 from deggflow.step_guard import StepGuard
 
 from .condition import TabletopCondition
@@ -47,7 +48,7 @@ class BaselineRun:
 
     guidance: AbstractGuidance
     guard: StepGuard | None = None
-    pull: Float[Array, ""] | None = None  # of the fading field, after a prediction without guidance
+    pull: Scalar | None = None  # of the fading field, after a prediction without guidance
     draws: int = 1  # samples drawn at most, until one satisfies
 
 
@@ -74,7 +75,7 @@ class Method:
         return self.crowded if self.crowded is not None and size > TUNED else self.default
 
 
-def _number(hyperparameters: Hyperparameters, name: str) -> Float[Array, ""]:
+def _number(hyperparameters: Hyperparameters, name: str) -> Scalar:
     return jnp.asarray(
         hyperparameters[name], jnp.float32
     )  # not static: one program for all settings

@@ -1,6 +1,6 @@
 """Between generative states and object poses (paper: Appendix on Task 2)."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -59,6 +59,17 @@ def place(parts: Parts, pose: Pose) -> RoundedBox:
         return jnp.concatenate([value, jnp.sum(parts.extra_owner * value[None], axis=1)])
 
     x, y, cos, sin = of_parts(pose.x), of_parts(pose.y), of_parts(cos), of_parts(sin)
+    return in_frames(parts, x, y, cos, sin)
+
+
+def in_frames(
+    parts: Any,
+    x: Float[Array, "..."],
+    y: Float[Array, "..."],
+    cos: Float[Array, "..."],
+    sin: Float[Array, "..."],
+) -> RoundedBox:
+    """Parts, given in frames at (x, y) with the headings (cos, sin), in the world."""
     return RoundedBox(
         x + cos * parts.x - sin * parts.y,
         y + sin * parts.x + cos * parts.y,

@@ -8,6 +8,8 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from deggflow.shapes import Scalar
+
 from .library import (
     LIBRARY,
     MAX_OBJECTS,
@@ -105,8 +107,8 @@ class TabletopCondition(NamedTuple):
     access: (
         Parts  # default regions of each object merged into one capsule: what the trained field sees
     )
-    half_width: Float[Array, ""]  # m
-    half_depth: Float[Array, ""]  # m
+    half_width: Scalar  # m
+    half_depth: Scalar  # m
     mass: Float[Array, " agents"]  # kg; zero for padding
     balance: Float[Array, " 3"]  # x, y, radius of the circle for the centre of mass, m
 

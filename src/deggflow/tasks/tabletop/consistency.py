@@ -6,15 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from deggflow.consistency import (
-    RECORD,
-    Line,
-    Unverified,
-    Wrong,
-    check_claim,
-    check_generation,
-    first_difference,
-)
+from deggflow import consistency
+from deggflow.consistency import Line, Unverified, Wrong
 from deggflow.jsonl import shorten
 
 from .condition import SceneCondition
@@ -36,7 +29,7 @@ UNVERIFIED: Unverified = {
     "certificate.draws": "",
     "certificate.verdicts": "",
     "certificate.generation": "that it is there",
-    **{f"certificate.generation.{name}": remark for name, remark in RECORD.items()},
+    **{f"certificate.generation.{name}": remark for name, remark in consistency.RECORD.items()},
 }
 
 
@@ -63,7 +56,7 @@ def _contradictions(said: Line, scene: Scene, verdict: Verdict) -> Iterator[Wron
         yield Wrong(
             "certificate.satisfied", text if not true else "is false, but all requirements hold"
         )
-    yield from check_claim(said, "certificate")
+    yield from consistency.check_claim(said, "certificate")
     made = said.get("generation")
     if said["reason"] is not None and not true:
         expected = _reasons(scene, verdict, made)
@@ -79,7 +72,7 @@ def _contradictions(said: Line, scene: Scene, verdict: Verdict) -> Iterator[Wron
     if made is not None:
         names = ["affordance", *(["balance"] if scene.condition.balance is not None else [])]
         field = "certificate.generation"
-        yield from check_generation(made, field, names, scene.condition.objects)
+        yield from consistency.check_generation(made, field, names, scene.condition.objects)
         if said["reason"] != DIVERGED:
             yield from _values(made, field, scene, verdict)
 
@@ -138,4 +131,4 @@ def _plain(condition: SceneCondition) -> Mapping[str, Any]:
 
 def other_condition(asked: SceneCondition, given: SceneCondition) -> Wrong | None:
     """The first thing in which a line's condition is not what was asked for."""
-    return first_difference(_plain(asked), _plain(given), "condition")
+    return consistency.first_difference(_plain(asked), _plain(given), "condition")

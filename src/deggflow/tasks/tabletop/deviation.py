@@ -1,7 +1,7 @@
 """How far guidance moves scenes from the nominal ones, and the theorem's bound on it (paper: app:task2_results)."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import jax.numpy as jnp
@@ -20,6 +20,7 @@ from deggflow.deviation import (
     squared_distances,
     wasserstein,
 )
+from deggflow.statistics import Row
 
 from .changes import random_conditions
 from .codec import decode, decode_exactly
@@ -55,7 +56,7 @@ class TheoremDeviation:
 
 
 @dataclass(frozen=True)
-class TabletopDeviation:
+class TabletopDeviation(Row):
     """One size: the paper's figures, those of one condition, and the theorem's."""
 
     size: int
@@ -65,10 +66,6 @@ class TabletopDeviation:
     condition: dict[str, Any]  # the one of all that follows
     same: SceneDeviation  # every scene has this condition (the theorem's way)
     theorem: TheoremDeviation
-
-    def to_json(self) -> dict[str, Any]:
-        """As it stands in a file."""
-        return asdict(self)
 
 
 def scene_distances(

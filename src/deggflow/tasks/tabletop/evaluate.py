@@ -1,7 +1,7 @@
 """Success rates of nominal and guided generation on random cases (paper: tables of Task 2)."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from deggflow.certificate import Certificate
 from deggflow.flow import Field
-from deggflow.statistics import Rate
+from deggflow.statistics import Rate, Row
 
 from .changes import random_conditions
 from .condition import SceneCondition
@@ -23,7 +23,7 @@ ALLOCATIONS = {"own": OWN, "pooled": POOLED, "local": LOCAL}
 
 
 @dataclass(frozen=True)
-class Evaluation:
+class Evaluation(Row):
     """One size and one family of requirements: counts out of `cases`."""
 
     size: int
@@ -41,17 +41,13 @@ class Evaluation:
     evaluations: Sequence[float]  # of the guided field: median, 99% quantile, most
     with_forced_steps: int  # first draws with a step that had to be taken above its limit
 
-    def to_json(self) -> dict[str, Any]:
-        """As it stands in a file."""
-        return asdict(self)
-
     def rate(self, count: int) -> Rate:
         """A count as a share of the cases."""
         return Rate(count, self.cases)
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Comparison(Row):
     """One way to guide, one size: first draws from the same z(0) as every other way."""
 
     size: int
@@ -61,10 +57,6 @@ class Comparison:
     first_draw: int
     least_margin: float  # m, over all cases
     deviation: float  # RMS distance to the nominal sample, in z, per agent
-
-    def to_json(self) -> dict[str, Any]:
-        """As it stands in a file."""
-        return asdict(self)
 
     def rate(self) -> Rate:
         """First-draw success."""

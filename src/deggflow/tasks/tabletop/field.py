@@ -1,7 +1,9 @@
 """The tabletop's nominal vector field: which features of a scene the network reads."""
 
+from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -10,8 +12,8 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from deggflow.field import MessagePassingField, TeamFeatures, stack_features
 from deggflow.files import StrPath
-from deggflow.jsonl import InputError, expect_integer, expect_object
-from deggflow.weights import card_path, load_card, load_weights
+from deggflow.shapes import Scalar
+from deggflow.weights import expect_sizes, load_by_card
 
 from .codec import decode, place
 from .condition import Parts, TabletopCondition
@@ -62,8 +64,8 @@ def node_features(
     body: RoundedBox,
     access: RoundedBox,
     kind: Int[Array, " agents"],
-    half_width: Float[Array, ""],
-    half_depth: Float[Array, ""],
+    half_width: Scalar,
+    half_depth: Scalar,
 ) -> Float[Array, "agents node"]:
     """Headings, room to the walls, kinds."""
     walls = [wall_margins(box, half_width, half_depth) for box in (body, access)]
@@ -111,17 +113,9 @@ def load_field(path: StrPath | None = None) -> MessagePassingField:
     Raises:
         InputError: The card or the weights are not those of a tabletop field.
     """
-    path = shipped_weights() if path is None else Path(path)
-    card = load_card(path)
-    try:
-        given = expect_object(
-            card.get("architecture"), "architecture", tuple(LARGEST), tuple(LARGEST)
-        )
-        size = {
-            name: expect_integer(given[name], f"architecture.{name}", 1, most)
-            for name, most in LARGEST.items()
-        }
-    except InputError as error:
-        raise InputError(error.reason, file=card_path(path), field=error.field) from None
-    skeleton = eqx.filter_eval_shape(build_field, jax.random.key(0), **size)
-    return load_weights(path, skeleton)
+
+    def skeleton(card: Mapping[str, Any]) -> MessagePassingField:
+        sizes = expect_sizes(card, LARGEST)
+        return eqx.filter_eval_shape(build_field, jax.random.key(0), **sizes)
+
+    return load_by_card(shipped_weights() if path is None else path, skeleton)

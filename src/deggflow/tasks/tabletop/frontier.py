@@ -2,9 +2,9 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -18,7 +18,8 @@ from deggflow.flow import Field
 from deggflow.generation import DEFAULT_STEPS, generate_batch
 from deggflow.guidance import AbstractGuidance, NoGuidance
 from deggflow.redraw import Candidate, redraw_until_satisfied
-from deggflow.statistics import Rate
+from deggflow.shapes import Scalar
+from deggflow.statistics import Rate, Row
 from deggflow.step_guard import StepGuard
 
 from .baselines import BaselineRun, Hyperparameters, Method
@@ -33,7 +34,7 @@ CHUNK = 128  # scenes generated at once
 
 
 @dataclass(frozen=True)
-class Point:
+class Point(Row):
     """One way to guide, one setting, one size: first draws (of rejection sampling: all its draws)."""
 
     method: str
@@ -50,10 +51,6 @@ class Point:
     transport: float | None  # W2 to the nominal samples by optimal assignment, in z, per object
     seconds: float  # per scene, in batches of `CHUNK`, compiled
     draws: float  # mean number of samples drawn
-
-    def to_json(self) -> dict[str, Any]:
-        """As it stands in a file."""
-        return asdict(self)
 
     def rate(self) -> Rate:
         """Success."""
@@ -94,7 +91,7 @@ def _program(
     noise: Float[Array, "scenes agents 3"],
     condition: TabletopCondition,
     guard: StepGuard | None,
-    pull: Float[Array, ""] | None,
+    pull: Scalar | None,
 ) -> Float[Array, "scenes agents 3"]:
     if pull is not None:
         return predict_then_correct(

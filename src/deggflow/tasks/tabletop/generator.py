@@ -1,23 +1,21 @@
 """Certified scenes from a nominal field: batches, verdicts and redraws."""
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
 
-from deggflow.blocks import blocks, map_blocks, padded_batch
 from deggflow.certificate import Certificate, GenerationRecord
 from deggflow.divergence import REASON
 from deggflow.flow import Field
-from deggflow.generation import DEFAULT_STEPS, generate, generate_batch, refined_grid
+from deggflow.generation import DEFAULT_STEPS, Generation, refined_grid
 from deggflow.guidance import AbstractGuidance, DecoupledGuidance, NoGuidance
 from deggflow.recording import record
 from deggflow.redraw import Candidate, redraw_until_satisfied
+from deggflow.sampler import Sampler, masked_sample, numbered_noise
 from deggflow.step_guard import StepGuard
 from deggflow.trace import Summary, Trace
 
@@ -41,68 +39,12 @@ class Batch(NamedTuple):
     records: list[GenerationRecord | None]  # of the guidance; None where there was none
 
 
-class _Drawn(NamedTuple):
-    """What the compiled program hands out."""
-
-    z: Float[Array, "scenes agents 3"]
-    summary: Summary  # each leaf with a leading axis of scenes
-    trace: Trace | None
-
-
-def _generated(
-    field: Field,
-    guidance: AbstractGuidance,
-    noise: Float[Array, "scenes agents 3"],
-    condition: TabletopCondition,
-    grid: Float[Array, " points"],
-    guard: StepGuard | None,
-    keep_trace: bool,
-) -> _Drawn:
-    out = generate_batch(
-        field, guidance, noise, condition, grid=grid, guard=guard, mask=condition.mask,
-        keep_trace=keep_trace,
-    )  # fmt: skip
-    return _Drawn(out.z, out.summary, out.trace)
-
-
-_program = eqx.filter_jit(_generated)
-
-
-@jax.jit
-def _noise(
-    seed: Int[Array, ""], numbers: Int[Array, " scenes"], draws: Int[Array, ""]
-) -> Float[Array, "scenes agents 3"]:
-    root = jax.random.key(seed)
-
-    def one(number: Int[Array, ""]) -> Float[Array, "agents 3"]:
-        key = jax.random.fold_in(jax.random.fold_in(root, number), draws)
-        return jax.random.normal(key, (MAX_OBJECTS, 3))  # for every padded size the same numbers
-
-    return jax.vmap(one)(numbers)
-
-
 def initial_noise(
     seed: int, numbers: Int[np.ndarray, " scenes"], draw_number: int
 ) -> Float[np.ndarray, "scenes agents 3"]:
     """z(0) of scenes by their number in the run: N(0, I), the same whatever the batch or the guidance."""
-    count = padded_batch(len(numbers))
-    padded = np.resize(numbers, -(-len(numbers) // count) * count)
-    return np.asarray(_noise(seed, padded, draw_number))[: len(numbers)]
-
-
-@eqx.filter_jit
-def _path_program(
-    field: Field,
-    guidance: AbstractGuidance,
-    z0: Float[Array, "agents 3"],
-    condition: TabletopCondition,
-    grid: Float[Array, " points"],
-    guard: StepGuard | None,
-) -> Float[Array, "points agents 3"] | None:
-    return generate(
-        field, guidance, z0, condition, grid=grid, guard=guard, mask=condition.mask,
-        keep_trace=False, keep_path=True,
-    ).path  # fmt: skip
+    # For every padded size the same numbers.
+    return numbered_noise(seed, numbers, draw_number, shape=(MAX_OBJECTS, 3))
 
 
 def _nobody(number: int, scene: Scene) -> None:
@@ -126,10 +68,7 @@ class TabletopGenerator:
         self.grid = refined_grid(steps, power)
         self.guidance = NoGuidance() if guidance is None else guidance
         self.guard = None if guidance is None else guard
-        self._together = partial(_program, field)
-        # Of a few rows, laying out the weights is most of a product's work: as constants they are laid out once.
-        self._alone = eqx.filter_jit(partial(_generated, field))
-        self._compiled: set[tuple[int, bool, bool]] = set()
+        self._sampler = Sampler(field, self.grid, self.guard)
 
     def guidance_for(self, condition: SceneCondition) -> AbstractGuidance:
         """The guidance, with the shared requirement on the centre of mass if the condition asks for it."""
@@ -154,7 +93,9 @@ class TabletopGenerator:
             drawn = self.draw(noise[part, :agents], take(arrays, part), guidance, keep_trace)
             z[part] = drawn.z
             for k, number in enumerate(part):
-                summary, trace = jax.tree.map(lambda leaf, k=k: leaf[k], drawn[1:])
+                summary, trace = jax.tree.map(
+                    lambda leaf, k=k: leaf[k], (drawn.summary, drawn.trace)
+                )
                 records[number] = _record(guidance, summary, trace, conditions[number].objects)
         poses = [decode_exactly(state, c) for state, c in zip(z, conditions, strict=True)]
         return Batch(z, poses, records)
@@ -165,42 +106,29 @@ class TabletopGenerator:
         arrays: TabletopCondition,
         guidance: AbstractGuidance | None = None,
         keep_trace: bool = False,
-    ) -> _Drawn:
+    ) -> Generation:
         """The compiled program alone, in float32, as numpy arrays, large batches in blocks; nothing decoded or judged."""
         guidance = self.guidance if guidance is None else guidance
+        return self._sampler.draw(guidance, noise, arrays, keep_trace=keep_trace)
 
-        def one(index: Int[np.ndarray, " scenes"]) -> _Drawn:
-            return self._block(noise[index], take(arrays, index), guidance, keep_trace)
-
-        kind = noise.shape[1], keep_trace, guidance is self.guidance
-        parts = map_blocks(one, blocks(len(noise)), compiled=kind in self._compiled)
-        self._compiled.add(kind)
-        return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
-
-    def _block(
+    def generation(
         self,
-        noise: Float[np.ndarray, "scenes agents 3"],
-        arrays: TabletopCondition,
-        guidance: AbstractGuidance,
-        keep_trace: bool,
-    ) -> _Drawn:
-        """`draw` of a block, padded to one of the sizes that programs are compiled for."""
-        count = len(noise)
-        index = np.resize(np.arange(count), padded_batch(count))
-        program = self._alone if count == 1 else self._together
-        given = guidance, jnp.asarray(noise[index]), take(arrays, index)
-        drawn = program(*given, self.grid, self.guard, keep_trace)
-        return jax.tree.map(lambda leaf: np.asarray(leaf)[:count], drawn)
+        z0: Float[np.ndarray, "agents 3"],
+        condition: SceneCondition,
+        *,
+        keep_trace: bool = False,
+    ) -> Generation:
+        """The generation of one scene from a given z(0), with z at every grid point."""
+        scene = take(to_arrays([condition]), 0)
+        guidance, start = self.guidance_for(condition), jnp.asarray(z0[: len(scene.mask)])
+        how = self.grid, self.guard, keep_trace, True
+        return masked_sample(self.field, guidance, start, scene, *how)
 
     def path(self, z0: Float[np.ndarray, "agents 3"], condition: SceneCondition) -> list[Poses]:
         """Poses of one scene at every grid point, from a given z(0)."""
-        arrays = to_arrays([condition])
-        size, scene = arrays.mask.shape[1], take(arrays, 0)
-        guidance = self.guidance_for(condition)
-        z = _path_program(
-            self.field, guidance, jnp.asarray(z0[:size]), scene, self.grid, self.guard
-        )
-        return [decode_exactly(state, condition) for state in np.asarray(z)]
+        path = self.generation(z0, condition).path
+        assert path is not None
+        return [decode_exactly(state, condition) for state in np.asarray(path)]
 
     def scenes(
         self,

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from deggflow.guidance import AbstractMargins
+from deggflow.shapes import Scalar
 
 from .codec import decode, place
 from .condition import Parts, TabletopCondition
@@ -81,7 +82,7 @@ def scene_margins(z: Float[Array, "agents 3 *samples"], condition: TabletopCondi
     )
 
 
-def least_margin(z: Float[Array, "agents 3"], condition: TabletopCondition) -> Float[Array, ""]:
+def least_margin(z: Float[Array, "agents 3"], condition: TabletopCondition) -> Scalar:
     """The smallest margin of a scene, in m."""
     margins = scene_margins(z, condition)
     return jnp.min(jnp.stack([jnp.min(margin) for margin in margins]))
@@ -155,7 +156,7 @@ class TabletopMargins(AbstractMargins):
         ) -> tuple[Float[Array, "agents *samples"], Float[Array, "agents 3 *samples"]]:
             def summed(
                 z: Float[Array, "agents 3 *samples"],
-            ) -> tuple[Float[Array, ""], Float[Array, "agents *samples"]]:
+            ) -> tuple[Scalar, Float[Array, "agents *samples"]]:
                 parts = self.violation(z, condition, buffer)
                 return jnp.sum(parts), parts
 

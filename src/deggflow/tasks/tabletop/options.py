@@ -5,22 +5,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 from deggflow.jsonl import InputError
-from deggflow.task import (
-    EvaluateOptions,
-    GenerateOptions,
-    Recipe,
-    RenderOptions,
-    TaskOptions,
-    TrainOptions,
-    check_range,
-)
-from deggflow.task.options import MAX_COUNT
+from deggflow.task import options
 
 Family = Literal["default", "changed", "opposite", "side", "larger", "combined", "balanced"]
 
 
 @dataclass(frozen=True)
-class SceneRecipe(Recipe):
+class SceneRecipe(options.Recipe):
     """Which training scenes are made.
 
     Attributes:
@@ -37,12 +28,12 @@ class SceneRecipe(Recipe):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_range("clearance", self.clearance, 0.015, 0.5, "m")
-        check_range("spare", self.spare, 0.0, 1.0, "m")
+        options.check_range("clearance", self.clearance, 0.015, 0.5, "m")
+        options.check_range("spare", self.spare, 0.0, 1.0, "m")
 
 
 @dataclass(frozen=True)
-class TabletopTrain(TrainOptions):
+class TabletopTrain(options.TrainOptions):
     """How the field is trained.
 
     Attributes:
@@ -58,7 +49,7 @@ class TabletopTrain(TrainOptions):
 
 
 @dataclass(frozen=True)
-class TabletopGenerate(GenerateOptions):
+class TabletopGenerate(options.GenerateOptions):
     """Which scenes are generated, and how.
 
     Attributes:
@@ -86,7 +77,7 @@ class TabletopGenerate(GenerateOptions):
 
 
 @dataclass(frozen=True)
-class TabletopEvaluate(EvaluateOptions):
+class TabletopEvaluate(options.EvaluateOptions):
     """What is measured.
 
     Attributes:
@@ -104,11 +95,11 @@ class TabletopEvaluate(EvaluateOptions):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_range("cases", self.cases, 1, MAX_COUNT)
+        options.check_range("cases", self.cases, 1, options.MAX_COUNT)
 
 
 @dataclass(frozen=True)
-class TabletopRender(RenderOptions):
+class TabletopRender(options.RenderOptions):
     """What is drawn of each scene.
 
     Attributes:
@@ -125,7 +116,7 @@ class TabletopRender(RenderOptions):
     renderer: Literal["auto", "mujoco", "matplotlib"] = "auto"
 
 
-OPTIONS = TaskOptions(
+OPTIONS = options.TaskOptions(
     data=SceneRecipe,
     train=TabletopTrain,
     generate=TabletopGenerate,

@@ -6,6 +6,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
 
+from deggflow.shapes import Scalar
+
 from .codec import ANGLE_SCALE
 from .condition import TabletopCondition
 from .margins import TABLETOP, least_margin
@@ -44,7 +46,7 @@ def relaxed_scenes(
 
     def one(
         key: PRNGKeyArray, condition: TabletopCondition
-    ) -> tuple[Float[Array, "agents 3"], Float[Array, ""]]:
+    ) -> tuple[Float[Array, "agents 3"], Scalar]:
         z = relax(random_states(key, condition), condition, clearance)
         return z, least_margin(z, condition)
 

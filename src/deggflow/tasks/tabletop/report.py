@@ -157,14 +157,11 @@ def evaluation_of(
         weights: What tells the field from others; None for the shipped one.
     """
     settings = {
-        "command": "tabletop evaluate",
+        **options.settings("tabletop", weights),
         "cases": options.cases,
         "sizes": list(options.sizes),
         "requirements": list(options.requirements),
-        "seed": options.seed,
-        "max_draws": options.max_draws,
         "compare": options.compare,
-        "weights": weights,
     }
     kind = AllocationComparison if options.compare else SuccessEvaluation
     return kind(field, options, settings)

@@ -20,6 +20,7 @@ from deggflow.guidance import (
     SharedRequirements,
     TighteningBound,
 )
+from deggflow.shapes import Scalar
 
 from .codec import Pose, decode
 from .condition import TabletopCondition
@@ -30,7 +31,7 @@ OWN, POOLED, LOCAL = Own(), Pooled(), Local()
 INSIDE = 0.98  # of the circle's radius is what guidance aims at: the rest pays for rounding
 RECOVERY = 40.0  # gain of alpha above the bound
 
-FactorValue = Callable[[Float[Array, ""], Float[Array, "agents 3"], Any], Float[Array, ""]]
+FactorValue = Callable[[Scalar, Float[Array, "agents 3"], Any], Scalar]
 
 
 def affordance(
@@ -71,16 +72,12 @@ def tabletop_guidance(
     return DecoupledGuidance((affordance(allocation, reanchored=reanchored),))
 
 
-def imbalance(
-    tau: Float[Array, ""], z: Float[Array, "agents 3"], condition: TabletopCondition
-) -> Float[Array, ""]:
+def imbalance(tau: Scalar, z: Float[Array, "agents 3"], condition: TabletopCondition) -> Scalar:
     """q: squared distance of the centre of mass from the circle's centre over the squared radius, less one; halved."""
     return imbalance_of(decode(z, condition), condition.mass, condition.balance)
 
 
-def imbalance_of(
-    pose: Pose, masses: Float[Array, " agents"], circle: Float[Array, " 3"]
-) -> Float[Array, ""]:
+def imbalance_of(pose: Pose, masses: Float[Array, " agents"], circle: Float[Array, " 3"]) -> Scalar:
     """The same of poses, masses (kg) and the circle's x, y and radius (m)."""
     mass = masses / jnp.sum(masses)
     x, y = jnp.sum(mass * pose.x), jnp.sum(mass * pose.y)

@@ -1,6 +1,6 @@
 """The tabletop task, as the commands see it."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, cast
 
 from deggflow.consistency import Line, Wrong
@@ -13,6 +13,8 @@ from deggflow.task import (
     EvaluateOptions,
     Examination,
     GenerateOptions,
+    OnStatus,
+    RunSettings,
     check_range,
 )
 
@@ -42,19 +44,10 @@ class SceneStream(AbstractGenerator[SceneCondition, Scene]):
         return Chunking(1) if is_large(condition) else Chunking(concurrent=True)
 
     def generate(
-        self,
-        conditions: Sequence[SceneCondition],
-        *,
-        seed: int,
-        first: int,
-        max_draws: int,
-        on_status: Callable[[str], None],
+        self, conditions: Sequence[SceneCondition], run: RunSettings, on_status: OnStatus
     ) -> Iterator[list[Scene]]:
         """All at once."""
-        yield make_scenes(
-            self.generator, conditions, seed=seed, first=first, max_draws=max_draws,
-            keep_trace=self.keep_trace,
-        )  # fmt: skip
+        yield make_scenes(self.generator, conditions, **run._asdict(), keep_trace=self.keep_trace)
 
 
 def scene_generator(field: Field, *, guided: bool = True) -> TabletopGenerator:
@@ -70,16 +63,8 @@ class TabletopTask(AbstractTask[SceneCondition, Scene]):
     sizes = (1, MAX_LARGE)
     options = OPTIONS
     unverified = UNVERIFIED
-
-    @property
-    def claim(self) -> Claim:
-        """What success is."""
-        return Claim("scene satisfies every requirement", "scenes satisfy every requirement")
-
-    @property
-    def model(self) -> TabletopModel:
-        """Relaxed scenes and the message-passing field."""
-        return TabletopModel()
+    claim = Claim("scene satisfies every requirement", "scenes satisfy every requirement")
+    model = TabletopModel()
 
     def parse_condition(self, value: Any, field: str = "") -> SceneCondition:
         """As `formats.parse_condition`."""
@@ -99,10 +84,6 @@ class TabletopTask(AbstractTask[SceneCondition, Scene]):
     def parse_result(self, value: Any) -> Scene:
         """As `formats.parse_scene`."""
         return parse_scene(value)
-
-    def condition_of(self, result: Scene) -> SceneCondition:
-        """Objects, requirements and table."""
-        return result.condition
 
     def generator(self, field: Field, options: GenerateOptions) -> SceneStream:
         """Scenes with the default guidance, or without any."""
@@ -128,12 +109,7 @@ class TabletopTask(AbstractTask[SceneCondition, Scene]):
 
     def conclude(self, examinations: Sequence[Examination]) -> str:
         """How many hold, and of how many lines something is wrong."""
-        good = sum(each.holds for each in examinations)
-        wrong = sum(bool(each.wrong) for each in examinations)
-        return (
-            f"{good} of {len(examinations)} scenes satisfy every requirement; "
-            f"{wrong} lines say what is not so."
-        )
+        return self.claim.in_total(examinations)
 
     def evaluation(
         self, field: Field, options: EvaluateOptions, weights: str | None

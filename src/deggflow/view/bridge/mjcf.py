@@ -18,17 +18,7 @@ from deggflow.tasks.bridge.world import (
     Y_MAX,
     Y_MIN,
 )
-from deggflow.view.mjcf import (
-    add_camera,
-    add_frustum_meshes,
-    add_light,
-    add_solid,
-    mesh_name,
-    model_text,
-    new_model,
-    numbers,
-    yaw_quaternion,
-)
+from deggflow.view import mjcf
 
 from .moment import PIT_DEPTH
 from .parts import (
@@ -73,23 +63,23 @@ def bridge_mjcf(
     Returns:
         Mocap bodies "plank" and "robot_1", ...; cameras "studio" and "top".
     """
-    model = new_model(
+    model = mjcf.new_model(
         "bridge", extent=(X_MAX - X_MIN) / 2, size=(1920, 1080), fovy=_FOVY, stacks=16
     )
     SubElement(model.visual, "map", znear="0.1")
     SubElement(model.default, "geom", contype="0", conaffinity="0")  # nothing touches anything
     _add_meshes(model.assets)
     world = model.world
-    add_light(world, (-2.0, -4.0, 9.0), specular=0.0)
+    mjcf.add_light(world, (-2.0, -4.0, 9.0), specular=0.0)
     _add_camera(world, "studio", _ELEVATION, _AZIMUTH, _FOVY, aspect)
     _add_camera(world, "top", math.pi / 2, 0.0, _TOP_FOVY, aspect)
     for solid in surroundings():
-        add_solid(world, solid)
+        mjcf.add_solid(world, solid)
     _add_goals(world, robot_goals, plank_goal)
     _add_plank(world)
     for i in range(len(robot_goals)):
         _add_robot(world, i)
-    return model_text(model)
+    return mjcf.model_text(model)
 
 
 def _add_camera(
@@ -110,50 +100,54 @@ def _add_camera(
     highest, lowest = (upward + tall * back).max(), (-upward + tall * back).max()
     distance = max((rightmost + leftmost) / (2 * wide), (highest + lowest) / (2 * tall))
     place = np.array([(rightmost - leftmost) / 2, (highest - lowest) / 2, distance]) @ axes
-    add_camera(world, name, place, right, up, fovy)
+    mjcf.add_camera(world, name, place, right, up, fovy)
 
 
 def _add_goals(
     world: Element, robots: Float[np.ndarray, "robots 2"], pose: Float[np.ndarray, " 3"]
 ) -> None:
     for i, (x, y) in enumerate(robots):
-        look = {"type": "mesh", "mesh": "goal_ring", "rgba": numbers([*accent(i), 1.0])}
-        SubElement(world, "geom", {"name": f"goal_{i + 1}", "pos": numbers([x, y, 0.0]), **look})
+        look = {"type": "mesh", "mesh": "goal_ring", "rgba": mjcf.numbers([*accent(i), 1.0])}
+        SubElement(
+            world, "geom", {"name": f"goal_{i + 1}", "pos": mjcf.numbers([x, y, 0.0]), **look}
+        )
     frame = SubElement(
         world,
         "body",
         name="plank_goal",
-        pos=numbers([pose[0], pose[1], 0.0]),
-        quat=numbers(yaw_quaternion(pose[2])),
+        pos=mjcf.numbers([pose[0], pose[1], 0.0]),
+        quat=mjcf.numbers(mjcf.yaw_quaternion(pose[2])),
     )
     for solid in plank_outline():
-        add_solid(frame, solid).set("rgba", numbers([*solid.colour, 0.75]))
+        mjcf.add_solid(frame, solid).set("rgba", mjcf.numbers([*solid.colour, 0.75]))
 
 
 def _add_plank(world: Element) -> None:
     body = SubElement(world, "body", name=PLANK, mocap="true")
     size = PLANK_LENGTH / 2 + _FRINGE, PLANK_WIDTH / 2 + _FRINGE, 0.00125
-    shadow = {"type": "box", "size": numbers(size), "pos": numbers([0.0, 0.0, size[2]])}
-    SubElement(body, "geom", {"rgba": numbers(_SHADOW), **shadow})
+    shadow = {"type": "box", "size": mjcf.numbers(size), "pos": mjcf.numbers([0.0, 0.0, size[2]])}
+    SubElement(body, "geom", {"rgba": mjcf.numbers(_SHADOW), **shadow})
     for solid in plank():
-        add_solid(body, solid)
+        mjcf.add_solid(body, solid)
 
 
 def _add_robot(world: Element, index: int) -> None:
     body = SubElement(world, "body", name=robot_name(index), mocap="true")
-    shadow = {"type": "cylinder", "size": numbers([1.12 * ROBOT_RADIUS, 0.0015])}
-    place = numbers([0.035, 0.03, 0.0025])
-    SubElement(body, "geom", {"pos": place, "rgba": numbers(_SHADOW), **shadow})
+    shadow = {"type": "cylinder", "size": mjcf.numbers([1.12 * ROBOT_RADIUS, 0.0015])}
+    place = mjcf.numbers([0.035, 0.03, 0.0025])
+    SubElement(body, "geom", {"pos": place, "rgba": mjcf.numbers(_SHADOW), **shadow})
     for k, solid in enumerate(robot(accent(index))):
-        add_solid(body, solid, mesh=mesh_name("robot", k))
+        mjcf.add_solid(body, solid, mesh=mjcf.mesh_name("robot", k))
 
 
 def _add_meshes(assets: Element) -> None:
     """All robots have one shape, and all goals."""
-    add_frustum_meshes(assets, "robot", robot(accent(0)))
+    mjcf.add_frustum_meshes(assets, "robot", robot(accent(0)))
     corners, faces = ring_mesh(0.95 * ROBOT_RADIUS, 1.4 * ROBOT_RADIUS, 0.002)
     triangles = " ".join(str(corner) for corner in faces.ravel())
-    SubElement(assets, "mesh", name="goal_ring", vertex=numbers(corners.ravel()), face=triangles)
+    SubElement(
+        assets, "mesh", name="goal_ring", vertex=mjcf.numbers(corners.ravel()), face=triangles
+    )
 
 
 def _sin_cos(angle: float) -> tuple[float, float]:

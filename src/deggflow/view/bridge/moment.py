@@ -5,18 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from deggflow.tasks.bridge import world
 from deggflow.tasks.bridge.process import Process
-from deggflow.tasks.bridge.world import (
-    GAP_LEFT,
-    GAP_RIGHT,
-    PLANK_LENGTH,
-    PLANK_WIDTH,
-    ROBOT_RADIUS,
-    X_MAX,
-    X_MIN,
-    Y_MAX,
-    Y_MIN,
-)
 
 THICKNESS = 0.06  # m, of the drawn plank
 PIT_DEPTH = 0.9  # m, of the drawn pit
@@ -62,7 +52,7 @@ def moment_of(process: Process, tick: int) -> Moment:
     if not (np.isfinite(plank).all() and np.isfinite(robots).all()):
         raise ValueError(f"`process` must be finite to be drawn; it is not at tick {tick}.")
     away = _distances_to_plank(robots, plank)
-    fallen = (robots[:, 0] > GAP_LEFT) & (robots[:, 0] < GAP_RIGHT) & (away > 0.0)
+    fallen = (robots[:, 0] > world.GAP_LEFT) & (robots[:, 0] < world.GAP_RIGHT) & (away > 0.0)
     ended_badly = process.failure is not None and tick == count - 1
     return Moment(
         plank,
@@ -80,7 +70,9 @@ def _standing(
     """Undersides; in the pit, a robot stands clear of the walls."""
     part = np.clip(1.0 - away / _RAMP, 0.0, 1.0)
     height = THICKNESS * part**2 * (3.0 - 2.0 * part)
-    clear = np.clip(robots[:, 0], GAP_LEFT + ROBOT_RADIUS, GAP_RIGHT - ROBOT_RADIUS)
+    clear = np.clip(
+        robots[:, 0], world.GAP_LEFT + world.ROBOT_RADIUS, world.GAP_RIGHT - world.ROBOT_RADIUS
+    )
     x = np.where(fallen, clear, robots[:, 0])
     return np.column_stack([x, robots[:, 1], np.where(fallen, -PIT_DEPTH, height)])
 
@@ -91,7 +83,7 @@ def _distances_to_plank(
     """Distance of each point to the plank's rectangle, 0 within it."""
     cos, sin = np.cos(plank[2]), np.sin(plank[2])
     local = (points - plank[:2]) @ np.array([[cos, -sin], [sin, cos]])
-    beyond = np.abs(local) - np.array([PLANK_LENGTH / 2, PLANK_WIDTH / 2])
+    beyond = np.abs(local) - np.array([world.PLANK_LENGTH / 2, world.PLANK_WIDTH / 2])
     return np.linalg.norm(np.maximum(beyond, 0.0), axis=-1)
 
 
@@ -99,9 +91,11 @@ def _off_limits(
     robots: Float[np.ndarray, "robots 2"], away: Float[np.ndarray, " robots"]
 ) -> Bool[np.ndarray, " robots"]:
     """Whose disks reach out of the workspace or, beside the plank, over the gap."""
-    low = np.array([X_MIN, Y_MIN]) + ROBOT_RADIUS
-    high = np.array([X_MAX, Y_MAX]) - ROBOT_RADIUS
+    low = np.array([world.X_MIN, world.Y_MIN]) + world.ROBOT_RADIUS
+    high = np.array([world.X_MAX, world.Y_MAX]) - world.ROBOT_RADIUS
     outside = ((robots < low) | (robots > high)).any(axis=-1)
     x = robots[:, 0]
-    over_gap = (x > GAP_LEFT - ROBOT_RADIUS) & (x < GAP_RIGHT + ROBOT_RADIUS)
+    over_gap = (x > world.GAP_LEFT - world.ROBOT_RADIUS) & (
+        x < world.GAP_RIGHT + world.ROBOT_RADIUS
+    )
     return outside | (over_gap & (away > 0.0))

@@ -6,17 +6,7 @@ from functools import cache
 import numpy as np
 from jaxtyping import Float, Int
 
-from deggflow.tasks.bridge.world import (
-    GAP_LEFT,
-    GAP_RIGHT,
-    PLANK_LENGTH,
-    PLANK_WIDTH,
-    ROBOT_RADIUS,
-    X_MAX,
-    X_MIN,
-    Y_MAX,
-    Y_MIN,
-)
+from deggflow.tasks.bridge import world
 from deggflow.view.colours import Colour, blend, rgb
 from deggflow.view.solids import Solid, box_between, drum, turned
 
@@ -46,66 +36,75 @@ def accent(robot: int) -> Colour:
 @cache
 def surroundings() -> tuple[Solid, ...]:
     """Both grounds with grid and border, and the pit between them."""
-    left, right = X_MIN - MARGIN_X, X_MAX + MARGIN_X
+    left, right = world.X_MIN - MARGIN_X, world.X_MAX + MARGIN_X
     out = []
-    for x0, x1 in ((left, GAP_LEFT), (GAP_RIGHT, right)):
+    for x0, x1 in ((left, world.GAP_LEFT), (world.GAP_RIGHT, right)):
         out += _ground(x0, x1)
-    for x0, x1 in ((X_MIN, GAP_LEFT), (GAP_RIGHT, X_MAX)):
+    for x0, x1 in ((world.X_MIN, world.GAP_LEFT), (world.GAP_RIGHT, world.X_MAX)):
         out += _markings(x0, x1)
     return (*out, *_pit())
 
 
 def _ground(x0: float, x1: float) -> list[Solid]:
-    half_y = (Y_MAX - Y_MIN) / 2 + MARGIN_Y
+    half_y = (world.Y_MAX - world.Y_MIN) / 2 + MARGIN_Y
     out = [
         box_between((x0, x1), (-half_y, half_y), (-_LIP, 0.0), _OUTER),
         box_between((x0, x1), (-half_y, half_y), (-PIT_DEPTH - _LIP, -_LIP), _SIDE),
     ]
-    inner = max(x0, X_MIN), min(x1, X_MAX)
-    return [*out, box_between(inner, (Y_MIN, Y_MAX), (0.0, 0.0005), _SHEET)]
+    inner = max(x0, world.X_MIN), min(x1, world.X_MAX)
+    return [*out, box_between(inner, (world.Y_MIN, world.Y_MAX), (0.0, 0.0005), _SHEET)]
 
 
 def _markings(x0: float, x1: float) -> list[Solid]:
     """Grid lines a metre apart, and the workspace's border, which ends at the gap."""
     fine, wide = 0.011, 0.018  # half widths
     out = [
-        box_between((x - fine, x + fine), (Y_MIN, Y_MAX), (0.0, 0.001), _LINE)
+        box_between((x - fine, x + fine), (world.Y_MIN, world.Y_MAX), (0.0, 0.001), _LINE)
         for x in range(math.ceil(x0), math.floor(x1) + 1)
         if x0 < x < x1
     ]
     out += [
         box_between((x0, x1), (y - fine, y + fine), (0.0, 0.001), _LINE)
-        for y in range(math.ceil(Y_MIN) + 1, math.floor(Y_MAX))
+        for y in range(math.ceil(world.Y_MIN) + 1, math.floor(world.Y_MAX))
     ]
-    for y in (Y_MIN, Y_MAX):
+    for y in (world.Y_MIN, world.Y_MAX):
         out.append(box_between((x0, x1), (y - wide, y + wide), (0.0, 0.0015), _BORDER))
-    for x in {x0, x1} & {X_MIN, X_MAX}:
-        out.append(box_between((x - wide, x + wide), (Y_MIN, Y_MAX), (0.0, 0.0015), _BORDER))
+    for x in {x0, x1} & {world.X_MIN, world.X_MAX}:
+        out.append(
+            box_between((x - wide, x + wide), (world.Y_MIN, world.Y_MAX), (0.0, 0.0015), _BORDER)
+        )
     return out
 
 
 def _pit() -> list[Solid]:
     """A dark floor, and walls that darken downwards; open towards the viewer."""
-    half_y, sheet = (Y_MAX - Y_MIN) / 2 + MARGIN_Y, 0.004
+    half_y, sheet = (world.Y_MAX - world.Y_MIN) / 2 + MARGIN_Y, 0.004
     floor = box_between(
-        (GAP_LEFT, GAP_RIGHT), (-half_y, half_y), (-PIT_DEPTH - _LIP, -PIT_DEPTH), _PIT_FLOOR
+        (world.GAP_LEFT, world.GAP_RIGHT),
+        (-half_y, half_y),
+        (-PIT_DEPTH - _LIP, -PIT_DEPTH),
+        _PIT_FLOOR,
     )
     out = [floor]
     for k in range(_STRATA):
         heights = (-PIT_DEPTH * (k + 1) / _STRATA, -PIT_DEPTH * k / _STRATA - _LIP * (k == 0))
         colour = blend(_PIT_TOP, _PIT_FLOOR, (k + 0.5) / _STRATA)
-        for x in (GAP_LEFT, GAP_RIGHT - sheet):
+        for x in (world.GAP_LEFT, world.GAP_RIGHT - sheet):
             out.append(box_between((x, x + sheet), (-half_y, half_y), heights, colour))
-        out.append(box_between((GAP_LEFT, GAP_RIGHT), (half_y - sheet, half_y), heights, colour))
+        out.append(
+            box_between(
+                (world.GAP_LEFT, world.GAP_RIGHT), (half_y - sheet, half_y), heights, colour
+            )
+        )
     return out
 
 
 @cache
 def plank() -> tuple[Solid, ...]:
     """Three boards between two caps, about the plank's centre."""
-    half_x, half_y, cap = PLANK_LENGTH / 2, PLANK_WIDTH / 2, 0.07
+    half_x, half_y, cap = world.PLANK_LENGTH / 2, world.PLANK_WIDTH / 2, 0.07
     out = [box_between((-half_x, half_x), (-half_y, half_y), (0.0, THICKNESS - 0.004), _DARK_WOOD)]
-    board, seam = PLANK_WIDTH / 3, 0.008
+    board, seam = world.PLANK_WIDTH / 3, 0.008
     for k in range(3):
         low = -half_y + k * board
         colour = blend(_WOOD, _DARK_WOOD, (0.0, 0.14, 0.05)[k])
@@ -126,7 +125,7 @@ def plank() -> tuple[Solid, ...]:
 
 def plank_outline() -> list[Solid]:
     """A frame around the plank's footprint, for its goal pose."""
-    half_x, half_y, wire, top = PLANK_LENGTH / 2, PLANK_WIDTH / 2, 0.035, 0.002
+    half_x, half_y, wire, top = world.PLANK_LENGTH / 2, world.PLANK_WIDTH / 2, 0.035, 0.002
     out = [
         box_between((-half_x, half_x), (y, y + wire), (0.0, top), _WOOD)
         for y in (-half_y, half_y - wire)
@@ -141,7 +140,7 @@ def plank_outline() -> list[Solid]:
 @cache
 def robot(colour: Colour) -> tuple[Solid, ...]:
     """A round robot: bumper, body in its colour, a light deck with a sensor on it."""
-    radius = ROBOT_RADIUS
+    radius = world.ROBOT_RADIUS
     out = [drum(radius, 0.012, 0.055, _DARK)]
     out += turned([(0.95 * radius, 0.055), (0.95 * radius, 0.16), (0.82 * radius, 0.185)], colour)
     out.append(drum(0.66 * radius, 0.185, 0.189, _WHITE))

@@ -9,7 +9,7 @@ from jaxtyping import UInt8
 from deggflow.tasks.bridge.process import TICK, Process
 from deggflow.tasks.bridge.world import GAP_LEFT, GAP_RIGHT
 from deggflow.view.picture import GREY, Ink, panels
-from deggflow.view.stage import OVERSAMPLING, Camera, RendererName
+from deggflow.view.stage import Camera, RendererName, Shot
 
 from .moment import moment_of
 from .stage import bridge_stage
@@ -38,7 +38,7 @@ def picture(
         camera: "studio" (slanted) or "top"; MuJoCo only.
         renderer: "mujoco", "matplotlib" (a top view), or "auto": MuJoCo where OpenGL can be used.
     """
-    return _pictures(process, [tick], width, height, camera, renderer)[0]
+    return _pictures(process, [tick], Shot(width, height, camera, renderer))[0]
 
 
 def snapshots(
@@ -67,7 +67,7 @@ def snapshots(
     moments = telling_ticks(process) if ticks is None else ticks
     if len(moments) == 0:
         raise ValueError("`ticks` must name at least one moment; got none.")
-    images = _pictures(process, moments, width, height, camera, renderer)
+    images = _pictures(process, moments, Shot(width, height, camera, renderer))
     gap = np.full((max(height // 60, 2), width, 3), 255, np.uint8)
     return np.concatenate([part for image in images for part in (gap, image)][1:])
 
@@ -97,10 +97,8 @@ def compare(
     """
     sides = (left, right)
     ends = [last_of_building(process) for process in sides]
-    images = [
-        _pictures(process, [end], width, height, camera, renderer)[0]
-        for process, end in zip(sides, ends, strict=True)
-    ]
+    shot = Shot(width, height, camera, renderer)
+    images = [_pictures(process, [end], shot)[0] for process, end in zip(sides, ends, strict=True)]
     outcomes = [_outcome(process, end) for process, end in zip(sides, ends, strict=True)]
     inks = [
         FAULT_INK if _failed_at(process, end) else GREY
@@ -141,20 +139,7 @@ def _outcome(process: Process, tick: int) -> str:
 
 
 def _pictures(
-    process: Process,
-    ticks: Sequence[int],
-    width: int,
-    height: int,
-    camera: Camera,
-    renderer: RendererName,
+    process: Process, ticks: Sequence[int], shot: Shot
 ) -> list[UInt8[np.ndarray, "height width 3"]]:
-    stage = bridge_stage(
-        process,
-        width=width,
-        height=height,
-        camera=camera,
-        renderer=renderer,
-        oversampling=OVERSAMPLING,
-    )
-    with closing(stage):
+    with closing(bridge_stage(process, shot)) as stage:
         return [stage.picture(moment_of(process, tick)) for tick in ticks]

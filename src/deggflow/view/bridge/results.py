@@ -7,9 +7,8 @@ from typing import Any, cast
 import numpy as np
 from jaxtyping import UInt8
 
-from deggflow.flow import Field
 from deggflow.jsonl import InputError
-from deggflow.task import AbstractEvaluation, AbstractPictures
+from deggflow.task import AbstractEvaluation, AbstractPictures, PictureRequest
 from deggflow.tasks.bridge.assembly import Surroundings, assemble, surroundings
 from deggflow.tasks.bridge.condition import BridgeCondition
 from deggflow.tasks.bridge.courses import Course, guided_course
@@ -42,19 +41,13 @@ class BridgePictures(AbstractPictures[Trial]):
     def __init__(self) -> None:
         self._generators: dict[float | None, BridgeGenerator] = {}
 
-    def write(
-        self,
-        result: Trial,
-        number: int,
-        options: BridgeRender,
-        field: Callable[[], Field],
-        on_note: Callable[[str], None],
-    ) -> Iterator[Path]:
+    def write(self, request: PictureRequest[Trial]) -> Iterator[Path]:
         """`trial_<number>.png`, the process, a video and curves, whatever is asked for."""
-        generator = None
+        generator, trial, options = None, request.result, request.options
         if options.nominal or options.curves:
-            generator = self._generator(cast(BridgeField, field()), result.certificate.speed_limit)
-        yield from write_pictures(result, number, options, generator, on_note)
+            field = cast(BridgeField, request.field())
+            generator = self._generator(field, trial.certificate.speed_limit)
+        yield from write_pictures(trial, request.number, options, generator, request.on_note)
 
     def _generator(self, field: BridgeField, speed_limit: float | None) -> BridgeGenerator:
         """Compiled once for each speed limit that a file's trials have."""

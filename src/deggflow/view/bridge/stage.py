@@ -5,7 +5,7 @@ import numpy as np
 from deggflow.tasks.bridge.process import Process
 from deggflow.view.colours import FAULT, rgb
 from deggflow.view.picture import Picture
-from deggflow.view.stage import Camera, MovableModel, RendererName, Stage, open_stage
+from deggflow.view.stage import MovableModel, Shot, Stage, open_stage
 
 from .mjcf import PLANK, bridge_mjcf, robot_name
 from .moment import Moment
@@ -40,16 +40,8 @@ class BridgeModel(MovableModel[Moment]):
         self.model.geom_rgba[geoms, :3] = plain + tint
 
 
-def bridge_stage(
-    process: Process,
-    *,
-    width: int,
-    height: int,
-    camera: Camera,
-    renderer: RendererName,
-    oversampling: int,
-) -> Stage[Moment]:
-    """A stage for one process; arguments as in `deggflow.view.stage.open_stage`.
+def bridge_stage(process: Process, shot: Shot) -> Stage[Moment]:
+    """A stage for one process.
 
     Raises:
         ValueError: If the process has no ticks, or its parts do not fit together.
@@ -62,15 +54,7 @@ def bridge_stage(
 
         return topview_image(state, process.robot_goals, process.plank_goal, width, height)
 
-    return open_stage(
-        lambda: BridgeModel(process, width / height),
-        draw,
-        width=width,
-        height=height,
-        camera=camera,
-        renderer=renderer,
-        oversampling=oversampling,
-    )
+    return open_stage(lambda: BridgeModel(process, shot.width / shot.height), draw, shot)
 
 
 def _check(process: Process) -> None:

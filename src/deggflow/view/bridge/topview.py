@@ -8,17 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Annulus, Circle, Polygon, Rectangle
 
-from deggflow.tasks.bridge.world import (
-    GAP_LEFT,
-    GAP_RIGHT,
-    PLANK_LENGTH,
-    PLANK_WIDTH,
-    ROBOT_RADIUS,
-    X_MAX,
-    X_MIN,
-    Y_MAX,
-    Y_MIN,
-)
+from deggflow.tasks.bridge import world
 from deggflow.view.colours import FAULT
 from deggflow.view.topview import figure_size, pixels, placed, set_extent, topview_axes
 
@@ -74,28 +64,22 @@ def topview_image(
 
 def draw_world(axes: Axes, *, pit: str = _PIT) -> None:
     """Both grounds, the gap and the workspace's border, with axes in metres."""
-    low, height = Y_MIN - _MARGIN, Y_MAX - Y_MIN + 2 * _MARGIN
-    axes.add_patch(
-        Rectangle((X_MIN, Y_MIN), X_MAX - X_MIN, Y_MAX - Y_MIN, facecolor=_GROUND, zorder=0)
-    )
-    for x in range(int(X_MIN) + 1, int(X_MAX) + 1):
-        axes.plot([x, x], [Y_MIN, Y_MAX], color=_GRID, linewidth=0.6, zorder=0.2)
-    for y in range(int(Y_MIN) + 1, int(Y_MAX)):
-        axes.plot([X_MIN, X_MAX], [y, y], color=_GRID, linewidth=0.6, zorder=0.2)
-    axes.add_patch(
-        Rectangle(
-            (X_MIN, Y_MIN), X_MAX - X_MIN, Y_MAX - Y_MIN, fill=False, edgecolor=_BORDER, zorder=0.4
-        )
-    )
-    axes.add_patch(
-        Rectangle((GAP_LEFT, low), GAP_RIGHT - GAP_LEFT, height, facecolor=pit, zorder=0.6)
-    )
-    set_extent(axes, (X_MIN - _MARGIN, X_MAX + _MARGIN), (low, low + height))
+    corner, gap = (world.X_MIN, world.Y_MIN), world.GAP_RIGHT - world.GAP_LEFT
+    width, depth = world.X_MAX - world.X_MIN, world.Y_MAX - world.Y_MIN
+    low, height = world.Y_MIN - _MARGIN, depth + 2 * _MARGIN
+    axes.add_patch(Rectangle(corner, width, depth, facecolor=_GROUND, zorder=0))
+    for x in range(int(world.X_MIN) + 1, int(world.X_MAX) + 1):
+        axes.plot([x, x], [world.Y_MIN, world.Y_MAX], color=_GRID, linewidth=0.6, zorder=0.2)
+    for y in range(int(world.Y_MIN) + 1, int(world.Y_MAX)):
+        axes.plot([world.X_MIN, world.X_MAX], [y, y], color=_GRID, linewidth=0.6, zorder=0.2)
+    axes.add_patch(Rectangle(corner, width, depth, fill=False, edgecolor=_BORDER, zorder=0.4))
+    axes.add_patch(Rectangle((world.GAP_LEFT, low), gap, height, facecolor=pit, zorder=0.6))
+    set_extent(axes, (world.X_MIN - _MARGIN, world.X_MAX + _MARGIN), (low, low + height))
 
 
 def draw_plank(axes: Axes, pose: Float[np.ndarray, " 3"], **style: Any) -> None:
     """The plank's rectangle, in matplotlib's style; what lies beyond the axes is drawn too."""
-    half = np.array([PLANK_LENGTH, PLANK_WIDTH]) / 2
+    half = np.array([world.PLANK_LENGTH, world.PLANK_WIDTH]) / 2
     corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * half
     patch = {"closed": True, "clip_on": False, "zorder": 2, **style}
     axes.add_patch(Polygon(placed(corners, pose), **patch))
@@ -105,7 +89,9 @@ def _draw_goal(axes: Axes, index: int, goal: Float[np.ndarray, " 2"]) -> None:
     colour = ACCENTS[index % len(ACCENTS)]
     place = (float(goal[0]), float(goal[1]))
     axes.add_patch(
-        Annulus(place, 1.4 * ROBOT_RADIUS, 0.45 * ROBOT_RADIUS, facecolor=colour, zorder=2.5)
+        Annulus(
+            place, 1.4 * world.ROBOT_RADIUS, 0.45 * world.ROBOT_RADIUS, facecolor=colour, zorder=2.5
+        )
     )
 
 
@@ -115,9 +101,9 @@ def _draw_robot(axes: Axes, index: int, robot: Float[np.ndarray, " 3"], red: boo
     colour = FAULT if red else ACCENTS[index % len(ACCENTS)]
     rim = 0.8 + 0.8 * max(z, 0.0) / THICKNESS
     disks = [
-        Circle((x, y), ROBOT_RADIUS, facecolor=colour, edgecolor="#22252a", linewidth=rim),
-        Circle((x, y), 0.62 * ROBOT_RADIUS, facecolor="#f7f6f2"),
-        Circle((x, y), 0.36 * ROBOT_RADIUS, facecolor="#2b2f36"),
+        Circle((x, y), world.ROBOT_RADIUS, facecolor=colour, edgecolor="#22252a", linewidth=rim),
+        Circle((x, y), 0.62 * world.ROBOT_RADIUS, facecolor="#f7f6f2"),
+        Circle((x, y), 0.36 * world.ROBOT_RADIUS, facecolor="#2b2f36"),
     ]
     for k, disk in enumerate(disks):
         disk.set(zorder=4 + 0.1 * k, clip_on=False, alpha=0.75 if z < 0.0 else 1.0)

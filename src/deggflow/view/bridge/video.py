@@ -13,7 +13,7 @@ from deggflow.files import StrPath
 from deggflow.tasks.bridge.process import TICK, Process
 from deggflow.tasks.bridge.process import Stage as ProcessStage
 from deggflow.view.picture import GREY, INK, fitting, font
-from deggflow.view.stage import VIDEO_OVERSAMPLING, Camera, RendererName, Stage
+from deggflow.view.stage import VIDEO_OVERSAMPLING, Camera, RendererName, Shot, Stage
 from deggflow.view.video import BAR, even, frame, write_frames
 
 from .moment import Moment, moment_of
@@ -72,18 +72,12 @@ def write_process_video(
         on_frame: Told how many frames are drawn, and of how many, after each.
     """
     processes = [process] if left is None else [left, process]
+    shot = Shot(width, height, camera, renderer, VIDEO_OVERSAMPLING)
     with ExitStack() as opened:
         sides = []
         for each in processes:
-            stage = bridge_stage(
-                each,
-                width=width,
-                height=height,
-                camera=camera,
-                renderer=renderer,
-                oversampling=VIDEO_OVERSAMPLING,
-            )
-            sides.append(_Side(each, opened.enter_context(closing(stage))))
+            stage = opened.enter_context(closing(bridge_stage(each, shot)))
+            sides.append(_Side(each, stage))
         write_frames(path, _frames(sides, titles, on_frame), fps)
 
 

@@ -14,18 +14,8 @@ from jaxtyping import Float
 from deggflow.tasks.tabletop.condition import Balance, SceneCondition
 from deggflow.tasks.tabletop.library import object_type
 from deggflow.tasks.tabletop.verdict import Verdict, judge
+from deggflow.view import mjcf
 from deggflow.view.colours import Colour, rgb
-from deggflow.view.mjcf import (
-    add_camera,
-    add_frustum_meshes,
-    add_light,
-    add_solid,
-    mesh_name,
-    model_text,
-    new_model,
-    numbers,
-    yaw_quaternion,
-)
 from deggflow.view.solids import Solid
 
 from .bodies import slab, solids_of
@@ -97,47 +87,47 @@ def _scene(
     every_outline: bool,
 ) -> str:
     extent = math.hypot(condition.width, condition.depth) / 2
-    model = new_model("tabletop", extent=extent, size=(1920, 1440), fovy=_FOVY, stacks=8)
+    model = mjcf.new_model("tabletop", extent=extent, size=(1920, 1440), fovy=_FOVY, stacks=8)
     _add_classes(model.default)
     for name in condition.objects:
-        add_frustum_meshes(model.assets, name, solids_of(name))
+        mjcf.add_frustum_meshes(model.assets, name, solids_of(name))
     world = model.world
     _add_surroundings(world, condition)
     layer = 0
     for i, (name, (x, y, theta)) in enumerate(zip(condition.objects, poses, strict=True)):
-        quat = numbers(yaw_quaternion(theta))
+        quat = mjcf.numbers(mjcf.yaw_quaternion(theta))
         body = SubElement(
-            world, "body", name=name, mocap="true", pos=numbers([x, y, 0.0]), quat=quat
+            world, "body", name=name, mocap="true", pos=mjcf.numbers([x, y, 0.0]), quat=quat
         )
         for solid in _shade(name):
-            add_solid(body, solid)
+            mjcf.add_solid(body, solid)
         for k, solid in enumerate(solids_of(name)):
-            add_solid(body, solid, mesh=mesh_name(name, k))
+            mjcf.add_solid(body, solid, mesh=mjcf.mesh_name(name, k))
         for k, disc in enumerate(discs_of(condition, name)):
             _add_region(body, region_name(name, k), disc, (i, k) in marks.blocked, layer)
             layer += 1
         if every_outline or i in marks.outlined:
             for part, solid in zip(outline_names(name), _outline(name), strict=True):
-                geom = add_solid(body, solid, coloured=False, name=part)
+                geom = mjcf.add_solid(body, solid, coloured=False, name=part)
                 geom.set("class", "outline")
                 if i not in marks.outlined:
-                    geom.set("rgba", numbers(HIDDEN))
+                    geom.set("rgba", mjcf.numbers(HIDDEN))
     if condition.balance is not None:
         centre = centre_of_mass(condition, poses)
         _add_balance(world, condition.balance, centre, marks.unbalanced, layer)
-    return model_text(model)
+    return mjcf.model_text(model)
 
 
 def _add_classes(default: Element) -> None:
     # The mocap bodies never collide with each other, a robot put into the scene does touch them.
     for kind, colour in (("free", FREE), ("blocked", BLOCKED), ("outline", OUTLINE)):
         geom = SubElement(SubElement(default, "default", {"class": kind}), "geom")
-        geom.attrib.update(contype="0", conaffinity="0", group="1", rgba=numbers(colour))
+        geom.attrib.update(contype="0", conaffinity="0", group="1", rgba=mjcf.numbers(colour))
 
 
 def _add_surroundings(world: Element, condition: SceneCondition) -> None:
     half_x, half_y = condition.width / 2, condition.depth / 2
-    add_light(world, (-1.0, -1.0, 3.0), specular=0.08)
+    mjcf.add_light(world, (-1.0, -1.0, 3.0), specular=0.08)
     _add_camera(world, "studio", _ELEVATION, _FOVY, condition)
     _add_camera(world, "top", math.pi / 2, _TOP_FOVY, condition)
     table = SubElement(world, "body", name="table")
@@ -157,7 +147,7 @@ def _add_surroundings(world: Element, condition: SceneCondition) -> None:
             at = (sx * (half_x - reach), sy * (half_y - reach), -_THICKNESS - _LEG_LENGTH / 2)
             parts.append(Solid("box", (_LEG_HALF, _LEG_HALF, _LEG_LENGTH / 2), _LEG, at))
     for solid in parts:
-        add_solid(table, solid)
+        mjcf.add_solid(table, solid)
 
 
 def _add_camera(
@@ -175,15 +165,15 @@ def _add_camera(
             back = -y * cos + (z - target[2]) * sin
             distance = max(distance, back + abs(up) / tangent, back + half_x / (tangent * ASPECT))
     pos = target + distance * np.array([0.0, -cos, sin])
-    add_camera(world, name, pos, (1.0, 0.0, 0.0), (0.0, sin, cos), fovy)
+    mjcf.add_camera(world, name, pos, (1.0, 0.0, 0.0), (0.0, sin, cos), fovy)
 
 
 def _add_region(body: Element, name: str, disc: Disc, blocked: bool, layer: int) -> None:
     geom = SubElement(body, "geom", {"name": name, "class": "blocked" if blocked else "free"})
     face = _DISC + layer * _DISC_STEP
     geom.set("type", "cylinder")
-    geom.set("size", numbers([disc.radius, face / 2]))
-    geom.set("pos", numbers([disc.x, disc.y, face / 2]))
+    geom.set("size", mjcf.numbers([disc.radius, face / 2]))
+    geom.set("pos", mjcf.numbers([disc.x, disc.y, face / 2]))
 
 
 def _add_balance(
@@ -194,19 +184,26 @@ def _add_balance(
     layer: int,
 ) -> None:
     """The circle for the centre of mass as a rim of beads on the table, and a pin where it lies."""
-    look = {"class": "outline", "rgba": numbers(OUTLINE if unbalanced else BALANCE)}
+    look = {"class": "outline", "rgba": mjcf.numbers(OUTLINE if unbalanced else BALANCE)}
     circle = SubElement(world, "body", name="balance")
     for k in range(_BEADS):
         angle = 2 * math.pi * k / _BEADS
         x = balance.x + balance.radius * math.cos(angle)
         y = balance.y + balance.radius * math.sin(angle)
-        at = {"size": numbers([_BEAD]), "pos": numbers([x, y, _DISC + layer * _DISC_STEP])}
+        at = {
+            "size": mjcf.numbers([_BEAD]),
+            "pos": mjcf.numbers([x, y, _DISC + layer * _DISC_STEP]),
+        }
         SubElement(circle, "geom", {"name": f"{BEADS}{k + 1}", "type": "sphere", **at, **look})
-    place = numbers([*centre, 0.0])
+    place = mjcf.numbers([*centre, 0.0])
     body = SubElement(world, "body", name=CENTRE_OF_MASS, mocap="true", pos=place)
-    pin = {"type": "capsule", "size": numbers([_BEAD]), "fromto": numbers([0, 0, 0, 0, 0, _PIN])}
+    pin = {
+        "type": "capsule",
+        "size": mjcf.numbers([_BEAD]),
+        "fromto": mjcf.numbers([0, 0, 0, 0, 0, _PIN]),
+    }
     SubElement(body, "geom", {"name": CENTRE_OF_MASS, **pin, **look})
-    head = {"type": "sphere", "size": numbers([3 * _BEAD]), "pos": numbers([0, 0, _PIN])}
+    head = {"type": "sphere", "size": mjcf.numbers([3 * _BEAD]), "pos": mjcf.numbers([0, 0, _PIN])}
     SubElement(body, "geom", {"name": f"{CENTRE_OF_MASS}_head", **head, **look})
 
 

@@ -7,7 +7,7 @@ from jaxtyping import Float, UInt8
 
 from deggflow.tasks.tabletop.condition import SceneCondition
 from deggflow.tasks.tabletop.verdict import judge
-from deggflow.view.stage import OVERSAMPLING, Camera, RendererName
+from deggflow.view.stage import Camera, RendererName, Shot
 
 from .marks import checked_poses
 from .stage import Arrangement, tabletop_stage
@@ -33,13 +33,6 @@ def render(
         renderer: "mujoco", "matplotlib" (a top view), or "auto": MuJoCo where OpenGL can be used.
     """
     rows = checked_poses(condition, poses)
-    stage = tabletop_stage(
-        condition,
-        width=width,
-        height=height,
-        camera=camera,
-        renderer=renderer,
-        oversampling=OVERSAMPLING,
-    )
+    stage = tabletop_stage(condition, Shot(width, height, camera, renderer))
     with closing(stage):
         return stage.picture(Arrangement(rows, judge([condition], [rows])[0]))

@@ -1,6 +1,6 @@
 """Pictures, videos and MuJoCo models of scenes."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -8,9 +8,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from deggflow.files import write_atomically
-from deggflow.flow import Field
 from deggflow.jsonl import InputError
-from deggflow.task import AbstractEvaluation, AbstractPictures
+from deggflow.task import AbstractEvaluation, AbstractPictures, PictureRequest
 from deggflow.tasks.tabletop.condition import SceneCondition
 from deggflow.tasks.tabletop.generator import TabletopGenerator, initial_noise
 from deggflow.tasks.tabletop.large import is_large, large_scenes_like
@@ -70,20 +69,14 @@ def _path(generator: TabletopGenerator, scene: Scene, number: int, drawn: int) -
 class TabletopPictures(AbstractPictures[Scene]):
     """Scenes: green regions are free, red ones obstructed, red outlines mark what collides."""
 
-    def write(
-        self,
-        result: Scene,
-        number: int,
-        options: TabletopRender,
-        field: Callable[[], Field],
-        on_note: Callable[[str], None],
-    ) -> Iterator[Path]:
+    def write(self, request: PictureRequest[Scene]) -> Iterator[Path]:
         """`scene_<number>.png`, a video and a MuJoCo model, whatever is asked for."""
-        generations = None
+        generations, scene = None, request.result
+        options: TabletopRender = request.options
         if options.nominal or options.video:
-            generations = regenerate(scene_generator(field()), result, number)
+            generations = regenerate(scene_generator(request.field()), scene, request.number)
         yield from write_pictures(
-            result, options.out / f"scene_{number:04d}.png", options.renderer, generations,
+            scene, options.out / f"scene_{request.number:04d}.png", options.renderer, generations,
             nominal=options.nominal, video=options.video, mjcf=options.mjcf,
         )  # fmt: skip
 

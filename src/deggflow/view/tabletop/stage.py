@@ -8,7 +8,7 @@ from jaxtyping import Float
 from deggflow.tasks.tabletop.condition import SceneCondition
 from deggflow.tasks.tabletop.verdict import Verdict
 from deggflow.view.picture import Picture
-from deggflow.view.stage import Camera, MovableModel, RendererName, Stage, open_stage
+from deggflow.view.stage import MovableModel, Shot, Stage, open_stage
 
 from .marks import Marks, centre_of_mass, discs_of, marks_of
 from .mjcf import (
@@ -79,28 +79,12 @@ class TabletopModel(MovableModel[Arrangement]):
             self.model.geom_rgba[self._balance] = OUTLINE if marks.unbalanced else BALANCE
 
 
-def tabletop_stage(
-    condition: SceneCondition,
-    *,
-    width: int,
-    height: int,
-    camera: Camera,
-    renderer: RendererName,
-    oversampling: int,
-) -> Stage[Arrangement]:
-    """A stage for one condition; arguments as in `deggflow.view.stage.open_stage`."""
+def tabletop_stage(condition: SceneCondition, shot: Shot) -> Stage[Arrangement]:
+    """A stage for one condition."""
 
     def draw(state: Arrangement, width: int, height: int) -> Picture:
         from .topview import topview_image  # brings matplotlib, which MuJoCo's pictures do without
 
         return topview_image(condition, *state, width, height)
 
-    return open_stage(
-        lambda: TabletopModel(condition, width / height),
-        draw,
-        width=width,
-        height=height,
-        camera=camera,
-        renderer=renderer,
-        oversampling=oversampling,
-    )
+    return open_stage(lambda: TabletopModel(condition, shot.width / shot.height), draw, shot)

@@ -11,7 +11,7 @@ from deggflow.files import StrPath
 from deggflow.tasks.tabletop.condition import SceneCondition
 from deggflow.tasks.tabletop.verdict import judge
 from deggflow.view.picture import INK, Picture, Sheet, font
-from deggflow.view.stage import VIDEO_OVERSAMPLING, Camera, RendererName, Stage
+from deggflow.view.stage import VIDEO_OVERSAMPLING, Camera, RendererName, Shot, Stage
 from deggflow.view.video import BAR, even, frame, write_frames
 
 from .marks import checked_poses
@@ -54,14 +54,8 @@ def write_video(
     """
     times = _checked_times(frames_poses, left_poses, taus)
     sides = [frames_poses] if left_poses is None else [left_poses, frames_poses]
-    stage = tabletop_stage(
-        condition,
-        width=width,
-        height=height,
-        camera=camera,
-        renderer=renderer,
-        oversampling=VIDEO_OVERSAMPLING,
-    )
+    shot = Shot(width, height, camera, renderer, VIDEO_OVERSAMPLING)
+    stage = tabletop_stage(condition, shot)
     with closing(stage):
         columns = [_pictures(stage, condition, side) for side in sides]
         frames = (

@@ -7,7 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from deggflow.tasks.tabletop.codec import ANGLE_SCALE, Pose
+from deggflow.shapes import Scalar
+from deggflow.tasks.tabletop.codec import ANGLE_SCALE, Pose, in_frames
 from deggflow.tasks.tabletop.condition import (
     EVERYWHERE,
     PartRow,
@@ -52,12 +53,12 @@ class LargeSceneCondition(NamedTuple):
     regions: LargeSceneParts  # as required by the user
     shape: LargeSceneParts  # one box per agent: its main body, which the field sees
     access: LargeSceneParts  # one capsule per agent: its default regions, which the field sees
-    half_width: Float[Array, ""]  # m, of the table
-    half_depth: Float[Array, ""]
+    half_width: Scalar  # m, of the table
+    half_depth: Scalar
     body_reach: Float[
         Array, ""
     ]  # m, between centres of bodies farther apart than this nothing binds
-    region_reach: Float[Array, ""]  # m, the same between a region and a body
+    region_reach: Scalar  # m, the same between a region and a body
     mass: Float[Array, " agents"]  # kg; zero for padding
     balance: Float[Array, " 3"]  # x, y, radius of the circle for the centre of mass, m
 
@@ -116,16 +117,7 @@ def decode_exactly(
 def place(parts: LargeSceneParts, pose: Pose) -> RoundedBox:
     """Parts put into the world with their owners' poses."""
     x, y, theta = (value[parts.owner] for value in pose)
-    cos, sin = jnp.cos(theta), jnp.sin(theta)
-    return RoundedBox(
-        x + cos * parts.x - sin * parts.y,
-        y + sin * parts.x + cos * parts.y,
-        cos,
-        sin,
-        parts.half_x,
-        parts.half_y,
-        parts.radius,
-    )
+    return in_frames(parts, x, y, jnp.cos(theta), jnp.sin(theta))
 
 
 def _parts(rows: Iterable[tuple[int, PartRow]], size: int | None = None) -> LargeSceneParts:

@@ -3,16 +3,14 @@
 from collections.abc import Sequence
 from functools import cache, partial
 from itertools import groupby
-from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
 from deggflow.field import MessagePassingField
-from deggflow.generation import DEFAULT_STEPS, generate, refined_grid
+from deggflow.generation import DEFAULT_STEPS, Generation, refined_grid
 from deggflow.guidance import (
     AbstractGuidance,
     DecoupledGuidance,
@@ -22,6 +20,8 @@ from deggflow.guidance import (
 )
 from deggflow.recording import record
 from deggflow.redraw import Candidate, redraw_until_satisfied
+from deggflow.sampler import masked_sample
+from deggflow.shapes import Scalar
 from deggflow.step_guard import StepGuard
 from deggflow.tasks.tabletop.condition import SceneCondition
 from deggflow.tasks.tabletop.generator import (
@@ -34,7 +34,6 @@ from deggflow.tasks.tabletop.margins import LABELS
 from deggflow.tasks.tabletop.requirements import balance_of, imbalance_of
 from deggflow.tasks.tabletop.scene import Scene, finished
 from deggflow.tasks.tabletop.verdict import BUFFER, Poses
-from deggflow.trace import Summary, Trace
 
 from .condition import (
     LargeSceneCondition,
@@ -69,41 +68,12 @@ def large_scene_guidance(slots: int = BESIDE, *, balanced: bool = False) -> Deco
     return DecoupledGuidance((affordance, BALANCE) if balanced else (affordance,))
 
 
-def imbalance(
-    tau: Float[Array, ""], z: Float[Array, "agents 3"], condition: LargeSceneCondition
-) -> Float[Array, ""]:
+def imbalance(tau: Scalar, z: Float[Array, "agents 3"], condition: LargeSceneCondition) -> Scalar:
     """The q of the requirement on the centre of mass."""
     return imbalance_of(decode(z, condition), condition.mass, condition.balance)
 
 
 BALANCE = balance_of(imbalance)
-
-
-class _Drawn(NamedTuple):
-    """What the compiled program hands out."""
-
-    z: Float[Array, "agents 3"]
-    summary: Summary
-    trace: Trace | None
-    path: Float[Array, "points agents 3"] | None
-
-
-@eqx.filter_jit
-def _program(
-    field: MessagePassingField,
-    guidance: AbstractGuidance,
-    noise: Float[Array, "agents 3"],
-    condition: LargeSceneCondition,
-    grid: Float[Array, " points"],
-    guard: StepGuard | None,
-    keep_trace: bool,
-    keep_path: bool,
-) -> _Drawn:
-    out = generate(
-        field, guidance, noise, condition, grid=grid, guard=guard, mask=condition.mask,
-        keep_trace=keep_trace, keep_path=keep_path,
-    )  # fmt: skip
-    return _Drawn(out.z, out.summary, out.trace, out.path)
 
 
 @partial(jax.jit, static_argnums=3)
@@ -114,6 +84,12 @@ def _noise(
     # A key for each object: the same numbers for every padded size.
     keys = jax.vmap(partial(jax.random.fold_in, key))(jnp.arange(agents))
     return jax.vmap(lambda own: jax.random.normal(own, (3,)))(keys)
+
+
+def _initial_noise(
+    condition: SceneCondition, seed: int, number: int, drawn: int
+) -> Float[Array, "agents 3"]:
+    return _noise(seed, number, drawn, padded_count(len(condition.objects)))
 
 
 class LargeSceneGenerator:
@@ -162,7 +138,8 @@ class LargeSceneGenerator:
         keep_trace: bool = False,
     ) -> Batch:
         """One draw of one large scene."""
-        out = self._draw(condition, seed, number, drawn, keep_trace=keep_trace)
+        z0 = _initial_noise(condition, seed, number, drawn)
+        out = self._draw(condition, z0, keep_trace=keep_trace)
         guidance, made = self._guidance(condition), None
         if isinstance(guidance, DecoupledGuidance):
             made = record(out.summary, guidance.names, condition.objects, out.trace)
@@ -171,28 +148,26 @@ class LargeSceneGenerator:
 
     def path(self, condition: SceneCondition, seed: int, number: int, drawn: int) -> list[Poses]:
         """Poses of one draw at every grid point."""
-        out = self._draw(condition, seed, number, drawn, keep_path=True)
+        z0 = _initial_noise(condition, seed, number, drawn)
+        out = self._draw(condition, z0, keep_path=True)
         assert out.path is not None
         return [decode_exactly(state, condition) for state in np.asarray(out.path)]
 
     def _draw(
         self,
         condition: SceneCondition,
-        seed: int,
-        number: int,
-        drawn: int,
+        z0: Float[Array, "agents 3"],
         *,
         keep_trace: bool = False,
         keep_path: bool = False,
-    ) -> _Drawn:
+    ) -> Generation:
         """One draw with room for as many neighbours as there are."""
         arrays = to_arrays(condition, BUFFER)
-        noise = _noise(seed, number, drawn, padded_count(len(condition.objects)))
         for crowd in CROWDS:
             guidance = self._guidance(condition, crowd)
             field = large_scene_field(self.field, HEARD * crowd)
-            out = _program(
-                field, guidance, noise, arrays, self.grid, self.guard, keep_trace, keep_path
+            out = masked_sample(
+                field, guidance, z0, arrays, self.grid, self.guard, keep_trace, keep_path
             )
             if bool(jnp.isfinite(out.z).all()):
                 break

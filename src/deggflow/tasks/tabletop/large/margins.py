@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float
 
 from deggflow.guidance import AbstractMargins, Pairs
 from deggflow.neighbours import Neighbours, find_neighbours
+from deggflow.shapes import Scalar
 from deggflow.tasks.tabletop.geometry import (
     RoundedBox,
     box_distance,
@@ -138,7 +139,7 @@ class LargeSceneMargins(AbstractMargins):
     ) -> tuple[Float[Array, " agents"], Float[Array, "agents 3"]]:
         """By reverse mode."""
 
-        def total(z: Float[Array, "agents 3"]) -> tuple[Float[Array, ""], Float[Array, " agents"]]:
+        def total(z: Float[Array, "agents 3"]) -> tuple[Scalar, Float[Array, " agents"]]:
             parts = self.violation(z, condition, buffer)
             return jnp.sum(parts), parts
 

@@ -1,0 +1,134 @@
+"""Samples of one field by compiled programs: large batches in blocks, padded to the sizes that are compiled."""
+
+from collections.abc import Callable
+from functools import cache, partial
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from .blocks import map_padded, padded_batch
+from .flow import Field
+from .generation import Generation, generate, generate_batch
+from .guidance import AbstractGuidance
+from .shapes import States
+from .step_guard import StepGuard
+
+Grid = Float[Array, " points"]
+
+Program = Callable[[Any, AbstractGuidance, Array, Any, Grid, StepGuard | None, bool], Generation]
+"""(field, guidance, z(0), conditions, grid, guard, keep_trace) -> the generation of a batch."""
+
+
+def masked_batch(
+    field: Field,
+    guidance: AbstractGuidance,
+    z0: Float[Array, "samples agents dim"],
+    conditions: Any,
+    grid: Grid,
+    guard: StepGuard | None,
+    keep_trace: bool,
+) -> Generation:
+    """`generate_batch` under conditions that have a mask of the agents that are present."""
+    return generate_batch(
+        field, guidance, z0, conditions, grid=grid, guard=guard, mask=conditions.mask,
+        keep_trace=keep_trace,
+    )  # fmt: skip
+
+
+@eqx.filter_jit
+def masked_sample(
+    field: Field,
+    guidance: AbstractGuidance,
+    z0: States,
+    condition: Any,
+    grid: Grid,
+    guard: StepGuard | None,
+    keep_trace: bool,
+    keep_path: bool,
+) -> Generation:
+    """`generate`, compiled, under a condition that has a mask of the agents that are present."""
+    return generate(
+        field, guidance, z0, condition, grid=grid, guard=guard, mask=condition.mask,
+        keep_trace=keep_trace, keep_path=keep_path,
+    )  # fmt: skip
+
+
+class Sampler:
+    """Generates batches of any size with one field; compiled programs are kept between calls."""
+
+    def __init__(
+        self, field: Any, grid: Grid, guard: StepGuard | None, program: Program = masked_batch
+    ) -> None:
+        """Args: field: nominal field; grid: values of tau; guard: of guided steps; program: generates a batch."""
+        self._grid, self._guard = grid, guard
+        self._together = partial(_compiled(program), field)
+        # Of a few rows, laying out the weights is most of a product's work: as constants they are laid out once.
+        self._alone = eqx.filter_jit(partial(program, field))
+        self._known: set[tuple[int, bool, tuple[str, ...]]] = set()
+
+    def draw(
+        self,
+        guidance: AbstractGuidance,
+        z0: Float[np.ndarray, "samples agents dim"],
+        conditions: Any,
+        *,
+        keep_trace: bool = False,
+    ) -> Generation:
+        """Generates samples from given z(0), in float32; all leaves are numpy arrays with an axis of samples."""
+        conditions = jax.tree.map(
+            np.asarray, conditions
+        )  # to pick from JAX's arrays takes programs
+
+        def block(rows: Int[np.ndarray, " samples"]) -> Generation:
+            program = self._alone if len(rows) == 1 else self._together
+            picked = jnp.asarray(z0[rows]), jax.tree.map(lambda leaf: leaf[rows], conditions)
+            return program(guidance, *picked, self._grid, self._guard, keep_trace)
+
+        kind = z0.shape[1], keep_trace, guidance.names
+        generation = map_padded(block, len(z0), compiled=kind in self._known)
+        self._known.add(kind)
+        return generation
+
+
+@cache
+def _compiled(program: Program) -> Program:
+    """One for each program, so that samplers of the same shapes share what is compiled."""
+    return eqx.filter_jit(program)
+
+
+@partial(jax.jit, static_argnames="shape")
+def _noise(
+    seed: Int[Array, ""],
+    numbers: Int[Array, " samples"],
+    indices: tuple[Int[Array, ""], ...],
+    shape: tuple[int, int],
+) -> Float[Array, "samples agents dim"]:
+    root = jax.random.key(seed)
+
+    def one(number: Int[Array, ""]) -> States:
+        key = jax.random.fold_in(root, number)
+        for index in indices:
+            key = jax.random.fold_in(key, index)
+        return jax.random.normal(key, shape)
+
+    return jax.vmap(one)(numbers)
+
+
+def numbered_noise(
+    seed: int, numbers: Int[np.ndarray, " samples"], *indices: int, shape: tuple[int, int]
+) -> Float[np.ndarray, "samples agents dim"]:
+    """z(0) ~ N(0, I) of samples by their numbers in a run, the same whatever else is in the batch.
+
+    Args:
+        seed: Of the run.
+        numbers: Of the samples.
+        indices: What else tells draws apart, such as the number of the draw.
+        shape: (agents, dim).
+    """
+    size = padded_batch(len(numbers))
+    padded = np.resize(numbers, -(-len(numbers) // size) * size)
+    return np.asarray(_noise(seed, padded, indices, shape=shape))[: len(numbers)]
