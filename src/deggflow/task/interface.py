@@ -1,4 +1,4 @@
-"""A task as the commands see it: conditions, model, generator, checks and evaluations behind declared interfaces."""
+"""The interfaces of a task that the commands use: conditions, model, generator, checks and evaluations."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -17,10 +17,10 @@ from .options import EvaluateOptions, GenerateOptions, TaskOptions
 
 @runtime_checkable
 class Written(Protocol):
-    """Whatever has a line in a file."""
+    """An object that is written as a line of a file."""
 
     def to_json(self) -> Mapping[str, Any]:
-        """As it stands in a file."""
+        """The JSON object for a file."""
 
 
 C = TypeVar("C", bound=Written)  # conditions
@@ -30,21 +30,26 @@ R = TypeVar(
 
 
 class Claim(NamedTuple):
-    """What `generate` says of results that are as they should be."""
+    """How `generate` describes results that satisfy their requirements.
+
+    Attributes:
+        one: Singular, e.g. "scene satisfies every requirement".
+        many: Plural.
+    """
 
     one: str
     many: str
 
     def of(self, count: int) -> str:
-        """In the number that the count asks for."""
+        """The singular or the plural, by the count."""
         return self.one if count == 1 else self.many
 
 
 class Chunking(NamedTuple):
-    """How a long run is cut into pieces.
+    """How a long run is divided into chunks.
 
     Attributes:
-        size: Conditions that are given at once; a chunk that a kill cut in two is generated again whole.
+        size: Conditions per chunk; a chunk that a kill cut in two is generated again as a whole.
         concurrent: Whether `generate` may be called for the next chunk while the results of one are written.
     """
 
@@ -53,11 +58,11 @@ class Chunking(NamedTuple):
 
 
 class AbstractGenerator(ABC, Generic[C, R]):
-    """Certified results for conditions."""
+    """Generates certified results for conditions."""
 
     @abstractmethod
     def chunking(self, condition: C) -> Chunking:
-        """How a run whose first condition is this one is cut into pieces."""
+        """How a run that starts with this condition is divided into chunks."""
 
     @abstractmethod
     def generate(
@@ -69,27 +74,27 @@ class AbstractGenerator(ABC, Generic[C, R]):
         max_draws: int,
         on_status: Callable[[str], None],
     ) -> Iterator[list[R]]:
-        """Results in order, some at a time, as soon as they are finished.
+        """Yields results in order, some at a time, as soon as they are finished.
 
         Args:
-            conditions: What is asked for.
-            seed: With a result's number and the number of the draw, decides z(0).
+            conditions: One condition per result.
+            seed: Seed of z(0), together with the numbers of the result and of the draw.
             first: Number of the first condition in the run.
-            max_draws: Limit of draws; where none is satisfied the result says why.
-            on_status: Told in words how far the work is.
+            max_draws: Limit of draws; if none is satisfied, the result states the reason.
+            on_status: Called with a text on the progress.
         """
 
 
 @dataclass(frozen=True)
 class Examination:
-    """What `certify` found out about one line of a file, whatever the line says of itself.
+    """The findings of `certify` on one line of a file, independent of the line's own claims.
 
     Attributes:
         holds: Whether the result satisfies its requirements.
-        text: What was found, in words.
-        wrong: Everything the line says that can't be so.
+        text: The findings in words.
+        wrong: The false statements of the line.
         certificate: The line's certificate as a table.
-        detail: Whatever else the task's totals are made of.
+        detail: Further values for the task's totals.
     """
 
     holds: bool
@@ -100,21 +105,28 @@ class Examination:
 
 
 class Table(NamedTuple):
-    """Rows of an evaluation as they are printed."""
+    """A printed table of an evaluation.
+
+    Attributes:
+        title: Text above the table.
+        headings: One per column.
+        rows: Cells.
+        note: Text below the table, which explains columns.
+    """
 
     title: str
     headings: Sequence[str]
     rows: Sequence[Sequence[object]]
-    note: str = ""  # below the table, one sentence for each column that needs it
+    note: str = ""
 
 
 class AbstractEvaluation(ABC, Generic[R]):
-    """Something that is measured row by row.
+    """An evaluation that is measured row by row.
 
     Attributes:
         row: Dataclass of the rows, which files hold.
-        settings: JSON values that tell this evaluation from others.
-        jobs: What measures each row.
+        settings: JSON values that distinguish this evaluation from others.
+        jobs: One function per row, which measures it.
     """
 
     row: type[R]
@@ -123,22 +135,22 @@ class AbstractEvaluation(ABC, Generic[R]):
 
     @abstractmethod
     def tables(self, rows: Sequence[R]) -> Sequence[Table | str]:
-        """What is printed of the rows: tables, and text as it is."""
+        """Tables and plain texts that present the rows."""
 
     @abstractmethod
     def complete(self, rows: Sequence[R]) -> bool:
-        """Whether everything guided is satisfied and no claim is refuted."""
+        """Whether all guided results satisfy their requirements and no claim is refuted."""
 
 
 class AbstractTask(ABC, Generic[C, R]):
-    """Everything that `data`, `train`, `generate`, `certify`, `evaluate` and `render` need of a task.
+    """A task, as `data`, `train`, `generate`, `certify`, `evaluate` and `render` use it.
 
     Attributes:
-        name: On the command line.
-        noun: What a result is called.
+        name: The task's name on the command line.
+        noun: The task's word for one result.
         sizes: Least and largest number of agents that `generate --size` takes.
         options: Options of the commands.
-        unverified: Fields of a result's line that no file can show to be true.
+        unverified: Fields of a result's line that can't be verified from the file.
     """
 
     name: str
@@ -150,7 +162,7 @@ class AbstractTask(ABC, Generic[C, R]):
     @property
     @abstractmethod
     def claim(self) -> Claim:
-        """What is said of results that are as they should be."""
+        """How results that satisfy their requirements are described."""
 
     @property
     @abstractmethod
@@ -159,7 +171,7 @@ class AbstractTask(ABC, Generic[C, R]):
 
     @abstractmethod
     def parse_condition(self, value: Any, field: str = "") -> C:
-        """A condition from its JSON object; `InputError` with the field where it is not as it should be."""
+        """A condition from its JSON object; raises `InputError` naming the field if it is invalid."""
 
     @abstractmethod
     def random_conditions(
@@ -168,51 +180,51 @@ class AbstractTask(ABC, Generic[C, R]):
         """Conditions number `first` to `first + count - 1`; each depends on the seed and its own number alone."""
 
     @abstractmethod
-    def other_condition(self, asked: C, given: C) -> Wrong | None:
-        """In what a line's condition differs from the one that was asked for."""
+    def other_condition(self, expected: C, actual: C) -> Wrong | None:
+        """The first difference between the requested condition and that of a line; None if they agree."""
 
     @abstractmethod
     def parse_result(self, value: Any) -> R:
-        """A result from its JSON object; `InputError` with the field where it is not as it should be."""
+        """A result from its JSON object; raises `InputError` naming the field if it is invalid."""
 
     @abstractmethod
     def condition_of(self, result: R) -> C:
-        """What a result was generated for."""
+        """The condition that a result was generated for."""
 
     @abstractmethod
     def generator(self, field: Field, options: GenerateOptions) -> AbstractGenerator[C, R]:
-        """A generator for a field and what the options say of guidance."""
+        """A generator with this field, guided or not as the options say."""
 
     @abstractmethod
     def examine(self, result: R, line: Line) -> Examination:
-        """Checks a result by code that shares nothing with its generation, and a line against itself."""
+        """Checks a result by code that is independent of its generation, and its line against itself."""
 
     @abstractmethod
     def conclude(self, examinations: Sequence[Examination]) -> str:
-        """The totals of some lines, in a sentence."""
+        """A sentence with the totals over some lines."""
 
     @abstractmethod
     def evaluation(
         self, field: Field, options: EvaluateOptions, weights: str | None
     ) -> AbstractEvaluation[Any]:
-        """What `evaluate` measures. `weights` tells the field from others in the settings."""
+        """The evaluation that `evaluate` runs; `weights` identifies the field in its settings."""
 
     @abstractmethod
     def fails(self, row: Line, *, guided: bool) -> bool:
-        """Whether a result, as it stands in a file, is not as it should be."""
+        """Whether a result, as a JSON object, fails."""
 
     def read_conditions(self, path: StrPath) -> list[C]:
-        """All conditions of a file, or `InputError` for the first that is wrong."""
+        """All conditions of a file; raises `InputError` for the first invalid one."""
         return read_lines(path, self.parse_condition, f"{self.name} condition")
 
     def read_results(self, path: StrPath) -> list[tuple[R, Line]]:
-        """What every line of a file holds, and the line; `InputError` for the first that is wrong."""
+        """The results of a file, each with its line; raises `InputError` for the first invalid one."""
         what = f"{self.name} {self.noun}"
         return read_lines(path, lambda line: (self.parse_result(line), line), what)
 
 
 class AbstractPictures(ABC, Generic[R]):
-    """How a task's results are drawn."""
+    """Draws a task's results."""
 
     @abstractmethod
     def write(
@@ -223,14 +235,14 @@ class AbstractPictures(ABC, Generic[R]):
         field: Callable[[], Field],
         on_note: Callable[[str], None],
     ) -> Iterator[Path]:
-        """Draws one result, and yields what was written.
+        """Draws one result and yields the files written.
 
         Args:
             result: The result.
             number: Its line in the file, from 1.
-            options: Of `render`.
-            field: Loads the field, for what has to be generated again.
-            on_note: Told what is drawn otherwise than asked for, and why.
+            options: Options of `render`.
+            field: Loads the field, if the result has to be generated again.
+            on_note: Called with a message if something can't be drawn as requested.
 
         Raises:
             InputError: The result can't be generated again.
@@ -238,4 +250,4 @@ class AbstractPictures(ABC, Generic[R]):
 
     @abstractmethod
     def draw_evaluation(self, evaluation: AbstractEvaluation[Any], options: Any) -> None:
-        """Draws what an evaluation has besides its tables, if anything is asked for."""
+        """Draws the figures of an evaluation that the options select, if any."""

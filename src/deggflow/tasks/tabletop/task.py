@@ -132,7 +132,7 @@ class TabletopTask(AbstractTask[SceneCondition, Scene]):
         wrong = sum(bool(each.wrong) for each in examinations)
         return (
             f"{good} of {len(examinations)} scenes satisfy every requirement; "
-            f"{wrong} lines say what is not so."
+            f"{wrong} lines contain false statements."
         )
 
     def evaluation(
