@@ -283,7 +283,7 @@ def team_kinds(home: Path) -> list[Kind]:
 def run_kinds(home: Path) -> list[Kind]:
     """Files that runs keep: settings, lines and rows to be completed, results."""
     from deggflow.app.reproduce.experiment import Settings
-    from deggflow.app.reproduce.run import Entry, measured, result_path, stored
+    from deggflow.app.reproduce.run import Entry, measure_result, read_result, result_path
     from deggflow.app.runs import resumed_rows
     from deggflow.output import ResumableOutput, run_settings
     from deggflow.tasks.tabletop.evaluate import Evaluation
@@ -313,14 +313,18 @@ def run_kinds(home: Path) -> list[Kind]:
         pass
 
     entry = Entry(Small())
-    measured(home, entry, Settings(), quiet)
+    measure_result(home, entry, Settings(), quiet)
     jobs = [lambda: row] * 2
     return [
         Kind("settings of a run", home / "lines.jsonl.run.json", resume),
         Kind("lines to be completed", lines, resume),
         Kind("rows to be completed", rows, lambda: resumed_rows(jobs, Evaluation, settings, rows)),
         Kind("settings of data", home / "lines.jsonl.run.json", lambda: run_settings(lines), 0.5),
-        Kind("results", result_path(home, "small"), lambda: stored(home, entry, Settings(), quiet)),
+        Kind(
+            "results",
+            result_path(home, "small"),
+            lambda: read_result(home, entry, Settings(), quiet),
+        ),
     ]
 
 

@@ -200,7 +200,7 @@ def test_trials_are_compared_with_what_was_asked_for(trials, inside, tmp_path):
     assert good.returncode == 0
     named = good.stdout.splitlines()[-2]
     assert named.startswith(
-        "Not to be verified from the file: condition.goal (but by --conditions)"
+        "Not to be verified from the file: condition.goal (except with --conditions)"
     )
     write(asked, [{**CONDITIONS[0], "goal": {**GOAL, "x": -0.3}}, CONDITIONS[1]])
     found = inside(*arguments)
@@ -359,7 +359,7 @@ def test_evaluation_prints_its_tables_and_keeps_its_rows(inside, tmp_path):
     assert row["guided"] + len(row["blocked"]) == 1
     assert found.returncode == 3 * (1 - row["guided"])
     assert row["policies"]["guided"]["generated"] > 0
-    for heading in ("success", "how nominal trials fail", "below their bounds"):
+    for heading in ("success", "failures of nominal trials", "below their bounds"):
         assert heading in found.stdout
     assert inside(*arguments).stdout == found.stdout
 

@@ -38,9 +38,7 @@ def scene(satisfied=True, margin=ROOM, reason=None, **poses):
 
 
 def totals(satisfied, many, wrong):
-    return (
-        f"{satisfied} of {many} scenes satisfy every requirement; {wrong} lines say what is not so."
-    )
+    return f"{satisfied} of {many} scenes satisfy every requirement; {wrong} lines contain false statements."
 
 
 OVERLAP = "laptop and pen_cup overlap by 0.0190 m"
@@ -123,7 +121,9 @@ def test_scenes_are_compared_with_what_was_asked_for(inside, tmp_path):
 def test_what_no_file_can_show_is_named_in_one_line(inside, tmp_path):
     path = conditions(tmp_path / "s.jsonl", scene())
     named = inside("tabletop", "certify", path).stdout.splitlines()[-2]
-    assert named.startswith("Not to be verified from the file: condition (but by --conditions), ")
+    assert named.startswith(
+        "Not to be verified from the file: condition (except with --conditions), "
+    )
     assert all(
         name in named
         for name in ("seed", "certificate.draws", "least_opposed_sine", "largest_input_norm")

@@ -114,7 +114,7 @@ def bad_input(folder, inside):
         assert f"deggflow: {hint}" in ended.stderr
     ended = inside("drones", "generate", "--size", 3)
     assert ended.returncode == 2
-    assert "drones has no weights of its own; give --weights FILE" in ended.stderr
+    assert "drones has no default weights; give --weights FILE" in ended.stderr
     ended = inside("tabletop", "generate", "--size", 3, "--weights", "run/field.safetensors")
     assert ended.returncode == 2
     ended = inside("drones", "evaluate", "--sizes", 9, "--weights", "run/field.safetensors")

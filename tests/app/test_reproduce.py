@@ -279,7 +279,7 @@ def test_the_command_measures_reports_and_goes_on(fakes, inside, tmp_path):
     fakes[1].stops = False
     again = inside("reproduce", "--out", "r", "--seed", 3)
     assert again.returncode == 0
-    assert "one: there already" in again.stderr
+    assert "one: kept from an earlier run" in again.stderr
     assert "training_curves: measured in" in again.stderr
     assert "report.html" in again.stdout
     assert fakes[0].measured == 1
@@ -290,7 +290,7 @@ def test_a_guided_result_that_is_not_satisfied_is_told_and_makes_the_exit_code_3
     fakes[0].unmet.append("N = 8: 1 of 1,000 cases")
     found = inside("reproduce", "--out", "r")
     assert found.returncode == 3
-    assert "not as it should be: N = 8: 1 of 1,000 cases" in " ".join(found.stderr.split())
+    assert "not as expected: N = 8: 1 of 1,000 cases" in " ".join(found.stderr.split())
 
 
 def test_bad_input_is_refused_before_anything_is_measured(fakes, inside, tmp_path):

@@ -33,7 +33,7 @@ def rows(**transports):
 def test_ways_are_measured_on_the_same_cases(monkeypatch):
     names = ("penalty gradient", "rejection sampling")
     few = [each for each in METHODS if each.name in names]
-    monkeypatch.setattr(baselines, "QUICK_WAYS", names)
+    monkeypatch.setattr(baselines, "QUICK_METHODS", names)
     monkeypatch.setattr(baselines, "METHODS", tuple(few))
     monkeypatch.setattr(baselines, "QUICK_SIZES", (3,))
     monkeypatch.setattr(baselines, "QUICK_SWEPT", (3,))

@@ -11,7 +11,7 @@ import pytest
 
 from deggflow.app.reproduce import tabletop
 from deggflow.app.reproduce.curves import TrainingCurves, _curves_in, bands
-from deggflow.app.reproduce.deviation import _broken
+from deggflow.app.reproduce.deviation import _bound_violations
 from deggflow.app.reproduce.deviation_section import section_of
 from deggflow.app.reproduce.evolution import evolution, first_pair, in_words
 from deggflow.app.reproduce.examples import LeftHanded, left_handed, pairs_apart
@@ -236,7 +236,9 @@ def test_the_deviation_stands_beside_the_papers_and_below_its_bounds():
     assert line["L_D W2"] == pytest.approx(1.35 * 0.5)
     text = " ".join(section.text)
     assert "12.0% instead of 8.4% (N = 4) and 24.0% instead of 16.8% (N = 8)" in text
-    assert "the factor that it had, the bound is 2 times W2" in text
+    assert (
+        "each Euler step actually stretched the gap of each pair, the bound is 2 times W2" in text
+    )
     states, poses = section.summary
     assert states.paper == "20.6% and 34.5%; 98.3% to 99.9%"
     assert states.ours == poses.ours == "8.0% and 16.0%; 99.0% to 99.0%"
@@ -249,8 +251,8 @@ def test_a_sample_above_the_bound_that_holds_for_its_steps_is_told():
     (fine,), (wrong,) = (
         deviation_result(8, log_held=log)["rows"] for log in (math.log(0.6) + 1e-9, math.log(0.59))
     )
-    assert _broken(fine) == _broken({"size": 8}) == []
-    assert _broken(wrong) == ["deviation, N = 8: above the theorem's bound"]
+    assert _bound_violations(fine) == _bound_violations({"size": 8}) == []
+    assert _bound_violations(wrong) == ["deviation, N = 8: above the theorem's bound"]
 
 
 def test_rates_and_small_numbers_are_said_as_one_says_them():

@@ -5,7 +5,13 @@ from dataclasses import asdict, dataclass
 
 import pytest
 
-from deggflow.app.runs import ConditionSource, generated, run_jobs, wanted, write_results
+from deggflow.app.runs import (
+    ConditionSource,
+    condition_source,
+    generate_results,
+    run_jobs,
+    write_results,
+)
 from deggflow.app.session import progress
 from deggflow.jsonl import InputError
 from deggflow.output import ResumableOutput
@@ -63,7 +69,7 @@ Numbers.__abstractmethods__ = frozenset()  # of a task, only its conditions
 
 def chunks(source, generator, first=0):
     with progress(hidden=True) as bars:
-        return list(generated(generator, source, GenerateOptions(), first, bars))
+        return list(generate_results(generator, source, GenerateOptions(), first, bars))
 
 
 def odd(row):
@@ -85,7 +91,7 @@ def test_a_chunk_that_was_cut_is_made_again_whole_and_its_rest_is_kept(ten, tmp_
     def run(path):
         return write_results(
             path, {}, ten, "rows", odd,
-            lambda first, bars: generated(Rows(), ten, GenerateOptions(), first, bars),
+            lambda first, bars: generate_results(Rows(), ten, GenerateOptions(), first, bars),
         )  # fmt: skip
 
     assert run(whole) == 5
@@ -113,7 +119,7 @@ def test_chunks_begun_ahead_come_in_order(count, pieces):
 
 def test_an_error_in_a_chunk_begun_ahead_ends_the_run(ten):
     with progress(hidden=True) as bars:
-        coming = generated(
+        coming = generate_results(
             Rows(concurrent=True, pieces=4, fails_at=8), ten, GenerateOptions(), 0, bars
         )
         assert [row.number for row in next(coming) + next(coming)] == list(range(8))
@@ -123,9 +129,9 @@ def test_an_error_in_a_chunk_begun_ahead_ends_the_run(ten):
 
 def test_conditions_come_from_a_file_or_are_drawn(tmp_path):
     task = Numbers()
-    given = wanted(task, GenerateOptions(conditions=tmp_path))
+    given = condition_source(task, GenerateOptions(conditions=tmp_path))
     assert (given.count, given.size, given.part(1, 2)) == (3, 0, [8, 9])
-    drawn = wanted(task, GenerateOptions(size=5))
+    drawn = condition_source(task, GenerateOptions(size=5))
     assert (drawn.count, drawn.size, drawn.part(0, 1)) == (1, 5, [(5, 0)])
     for options, hint in (
         (GenerateOptions(), "either"),
@@ -135,7 +141,7 @@ def test_conditions_come_from_a_file_or_are_drawn(tmp_path):
         (GenerateOptions(size=4, count=0), "--count must lie in"),
     ):
         with pytest.raises(InputError, match=hint):
-            wanted(task, options)
+            condition_source(task, options)
 
 
 @dataclass

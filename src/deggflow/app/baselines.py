@@ -1,4 +1,4 @@
-"""`deggflow tabletop baselines`: every way to guide, swept over its own hyperparameters."""
+"""`deggflow tabletop baselines`: every guidance method, swept over its own hyperparameters."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,17 +21,17 @@ def baselines(
     chosen: bool = False,
     out: Path | None = None,
 ) -> int:
-    """Compare ways to guide: success, deviation and time of each, for every setting of its own hyperparameters.
+    """Compare guidance methods: success, deviation and time of each, for every setting of its hyperparameters.
 
-    All ways run on the same field, from the same z(0), under the same requirements; rejection sampling alone draws
-    more than once. The best setting of each has a star: most successes, then least W2.
+    All methods run on the same field, from the same z(0), under the same requirements. Only rejection sampling
+    draws more than once. A star marks the best setting of each method: most successes, then least W2.
 
     Args:
         cases: Random cases of each size.
         sizes: Numbers of objects.
-        methods: Which ways, by name (default: all).
-        seed: Seed of cases and of z(0); the settings that tables use were found with the default one, at N = 8 and 12.
-        chosen: Only the settings that tables use, instead of all.
+        methods: Names of the methods to compare (default: all).
+        seed: Seed of cases and of z(0). The settings in the published tables were tuned with the default seed, at N = 8 and 12.
+        chosen: Run only the settings in the published tables, not the whole grid.
         out: JSON Lines file that receives the rows; rerun the command to resume.
     """
     from deggflow.tasks.tabletop.baselines import METHODS
@@ -44,18 +44,20 @@ def baselines(
     names = [method.name for method in METHODS]
     for name in methods:
         if name not in names:
-            raise InputError(f"--methods: {name!r} is none of {', '.join(map(repr, names))}")
+            raise InputError(
+                f"--methods: there is no method {name!r}; known are {', '.join(map(repr, names))}"
+            )
     prepare_jax()
     from deggflow.tasks.tabletop.field import load_field
     from deggflow.tasks.tabletop.frontier import Point, jobs
 
     from .runs import run_jobs
 
-    wanted = [method for method in METHODS if not methods or method.name in methods]
+    compared_methods = [method for method in METHODS if not methods or method.name in methods]
     grid = [
         (size, method, hyperparameters)
         for size in sizes
-        for method in wanted
+        for method in compared_methods
         for hyperparameters in ((method.chosen(size),) if chosen else method.grid)
     ]
     settings = {
@@ -81,10 +83,20 @@ def _show(points: "list[Point]", cases: int, seed: int) -> None:
         groups.setdefault((point.size, point.method), []).append(point)
     stars = [best(group) for group in groups.values()]
     table = Table(
-        title=f"Tabletop: ways to guide, {cases} cases a row, seed {seed}, 95% Wilson intervals",
+        title=f"Tabletop: guidance methods, {cases} cases a row, seed {seed}, 95% Wilson intervals",
         title_justify="left",
     )
-    for heading in ("N", "way", "setting", "success", "worst", "diverged", "W2", "time", "draws"):
+    for heading in (
+        "N",
+        "method",
+        "setting",
+        "success",
+        "worst",
+        "diverged",
+        "W2",
+        "time",
+        "draws",
+    ):
         table.add_column(heading, no_wrap=True)
     for point in points:
         table.add_row(
@@ -102,5 +114,6 @@ def _show(points: "list[Point]", cases: int, seed: int) -> None:
     output().print(table)
     output().print(
         "worst: greatest violation of a margin; W2: Wasserstein distance to the nominal samples, in z, per object, by optimal "
-        "assignment of all cases; time: per scene in batches, compiled; * best setting of a way: most successes, then least W2."
+        "assignment of all cases; time: per scene in batches, compiled; *: the best setting of a method, with the most successes, "
+        "then the least W2."
     )

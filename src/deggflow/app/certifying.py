@@ -1,4 +1,4 @@
-"""`certify`: every line of a file against its requirements, against itself, and against what was asked for."""
+"""`certify`: checks every line of a file against its requirements, itself and the requested condition."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -15,71 +15,79 @@ Condition = TypeVar("Condition")
 
 
 def certify_file(task: AbstractTask[Any, Any], path: Path, options: CertifyOptions) -> int:
-    """Checks a file of results; prints what is found, and returns the exit code."""
+    """Checks a file of results, prints the findings and returns the exit code."""
     results = task.read_results(path)
     for line in options.lines:
         check_range("lines", line, 1, len(results))
-    wanted = None if options.conditions is None else task.read_conditions(options.conditions)
-    given = [result.condition for result, _ in results]
-    asked = against(wanted, given, task.other_condition)
+    requests = None if options.conditions is None else task.read_conditions(options.conditions)
+    conditions = [result.condition for result, _ in results]
+    mismatches = compare_conditions(requests, conditions, task.other_condition)
     examinations = []
     for number in options.lines or range(1, len(results) + 1):
-        examined = task.examine(*results[number - 1])
-        examined = replace(examined, wrong=[*examined.wrong, *asked.of(number)])
-        examinations.append(examined)
+        examination = task.examine(*results[number - 1])
+        wrong = [*examination.wrong, *mismatches.of(number)]
+        examinations.append(replace(examination, wrong=wrong))
         if not options.quiet:
-            flaw = "; the line is wrong" if examined.wrong else ""
-            print(printable(f"line {number}: {examined.text}{flaw}"))
-            tell(number, examined.wrong)
-            print(f"the certificate says: {printable(examined.certificate)}\n")
-    conclude(asked, task.unverified, quiet=options.quiet)
+            flaw = "; the line is wrong" if wrong else ""
+            print(printable(f"line {number}: {examination.text}{flaw}"))
+            print_wrong(number, wrong)
+            print(f"the certificate says: {printable(examination.certificate)}\n")
+    print_conclusion(mismatches, task.unverified, quiet=options.quiet)
     output().print(task.conclude(examinations))
-    good = all(each.holds and not each.wrong for each in examinations) and asked.missing is None
-    return SATISFIED if good else NOT_SATISFIED
+    satisfied = all(each.holds and not each.wrong for each in examinations)
+    return SATISFIED if satisfied and mismatches.missing is None else NOT_SATISFIED
 
 
-class Asked(NamedTuple):
-    """In what a file differs from what was asked for."""
+class ConditionMismatches(NamedTuple):
+    """How the conditions of a file differ from the requested ones.
 
-    wrong: dict[int, Wrong]  # by line, from 1, the first difference of its condition
-    missing: str | None  # what is said where there are more lines or fewer than were asked for
+    Attributes:
+        wrong: By line number, from 1: the first difference of its condition.
+        missing: A message if the file has more or fewer lines than were requested; else None.
+    """
+
+    wrong: dict[int, Wrong]
+    missing: str | None
 
     def of(self, number: int) -> list[Wrong]:
-        """What is wrong with the condition of a line, from 1."""
+        """The mismatch of the condition of a line, numbered from 1, if there is one."""
         return [self.wrong[number]] if number in self.wrong else []
 
 
-def against(
-    asked: Sequence[Condition] | None,
-    given: Sequence[Condition],
+def compare_conditions(
+    requests: Sequence[Condition] | None,
+    conditions: Sequence[Condition],
     differ: Callable[[Condition, Condition], Wrong | None],
-) -> Asked:
-    """Compares every line's condition with the one of the same number that was asked for, if any were."""
-    if asked is None:
-        return Asked({}, None)
-    found = {
+) -> ConditionMismatches:
+    """Compares every line's condition with the requested one of the same number; without requests all match."""
+    if requests is None:
+        return ConditionMismatches({}, None)
+    differences = {
         k: wrong
-        for k, (one, other) in enumerate(zip(asked, given, strict=False), start=1)
+        for k, (one, other) in enumerate(zip(requests, conditions, strict=False), start=1)
         if (wrong := differ(one, other)) is not None
     }
-    if len(asked) == len(given):
-        return Asked(found, None)
-    first = min(len(asked), len(given)) + 1
-    what = "is missing" if len(asked) > len(given) else "was not asked for"
-    return Asked(
-        found, f"line {first} {what}: {len(asked)} lines were asked for, the file has {len(given)}"
+    many, lines = len(requests), len(conditions)
+    if many == lines:
+        return ConditionMismatches(differences, None)
+    what = "is missing" if many > lines else "was not asked for"
+    missing = (
+        f"line {min(many, lines) + 1} {what}: {many} lines were asked for, the file has {lines}"
     )
+    return ConditionMismatches(differences, missing)
 
 
-def tell(number: int, wrong: Sequence[Wrong]) -> None:
-    """Prints everything that is wrong in a line, one sentence a line."""
+def print_wrong(number: int, wrong: Sequence[Wrong]) -> None:
+    """Prints each false statement of a line on a line of its own."""
     for each in wrong:
         print(printable(f"line {number}: {each}"))
 
 
-def conclude(asked: Asked, unverified: Unverified, *, quiet: bool) -> None:
-    """Prints what is wrong with the file as a whole and, in one line, what no file can show."""
-    if asked.missing is not None:
-        print(asked.missing)
+def print_conclusion(
+    mismatches: ConditionMismatches, unverified: Unverified, *, quiet: bool
+) -> None:
+    """Prints whether lines are missing or superfluous and, in one line, the fields that a file can't verify."""
+    if mismatches.missing is not None:
+        print(mismatches.missing)
     if not quiet:
         print(unverified_line(unverified))

@@ -21,7 +21,10 @@ _DESCRIPTION = (
 
 
 def _app(first: str | None) -> SubcommandApp:
-    """All commands; those of another package's task only if `first` names it, as its import takes long."""
+    """All commands.
+
+    A task of another package is imported only if `first`, the first argument, names it: its import takes long.
+    """
     app = SubcommandApp()
     app.command(demo)
     for entry in SHIPPED:
@@ -30,30 +33,30 @@ def _app(first: str | None) -> SubcommandApp:
             commands.command(baselines)
         app.command(commands, name=entry.name, help=entry.help)
     for other in registered([entry.name for entry in SHIPPED]):
-        commands = task_app(other) if other.name == first else _commands_to_come(other)
+        commands = task_app(other) if other.name == first else _placeholder(other)
         app.command(commands, name=other.name, help=other.help)
     app.command(reproduce)
     return app
 
 
-def _commands_to_come(entry: RegisteredEntry) -> SubcommandApp:
-    """Stands for a task in the list of commands, without importing it."""
+def _placeholder(entry: RegisteredEntry) -> SubcommandApp:
+    """A task's line in the list of commands, without importing the task."""
     app = SubcommandApp()
-    app.command(name="data", help=f"And more: see deggflow {entry.name} --help")(lambda: 0)
+    app.command(name="data", help=f"For all commands, see deggflow {entry.name} --help")(lambda: 0)
     return app
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Runs a command and exits with its code.
 
-    0: every result satisfied; 2: bad input; 3: some result not satisfied; 1: anything unforeseen.
+    0: every result is satisfied; 2: bad input; 3: some result is not satisfied; 1: any unforeseen error.
     """
     try:
-        given = sys.argv[1:] if arguments is None else arguments
-        if any("\0" in argument for argument in given):
-            raise InputError("no argument may hold a NUL character")
-        code = _app(next(iter(given), None)).cli(
-            args=given, prog="deggflow", description=_DESCRIPTION
+        argv = sys.argv[1:] if arguments is None else arguments
+        if any("\0" in argument for argument in argv):
+            raise InputError("an argument must not contain a NUL character")
+        code = _app(next(iter(argv), None)).cli(
+            args=argv, prog="deggflow", description=_DESCRIPTION
         )
     except InputError as error:
         print(f"deggflow: {error}", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""The six commands of a task, made from the task: data, train, generate, certify, evaluate, render."""
+"""The six commands of every task: data, train, generate, certify, evaluate, render."""
 
 import inspect
 from collections.abc import Callable, Iterator
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from deggflow.flow import Field
 
-PICTURES = 12  # lines of a file that are drawn if none are named
+PICTURES = 12  # lines of a file that are drawn by default
 
 
 def task_app(entry: AbstractEntry) -> SubcommandApp:
@@ -33,14 +33,14 @@ def task_app(entry: AbstractEntry) -> SubcommandApp:
         ("evaluate", _evaluate, options.evaluate),
         ("render", _render, options.render),
     ):
-        app.command(name=name)(_in_terms_of(entry, command(entry), kind))
+        app.command(name=name)(_with_options(entry, command(entry), kind))
     return app
 
 
-def _in_terms_of(
+def _with_options(
     entry: AbstractEntry, command: Callable[..., int], kind: type[Any]
 ) -> Callable[..., int]:
-    """A command that takes each field of the dataclass as an option, and calls results what the task calls them."""
+    """A command with one option for each field of the dataclass; its help calls results by the task's noun."""
     nouns = f"{entry.noun}s"
     for function in (command, inspect.unwrap(command)):  # tests check types in a wrapper
         text = function.__doc__ or ""
@@ -48,8 +48,8 @@ def _in_terms_of(
         spelled_out = tyro.conf.arg(name="", prefix_name=False)
         function.__annotations__["options"] = Annotated[kind, spelled_out]
         if "file" in function.__annotations__:
-            shown = tyro.conf.arg(metavar=nouns.upper())
-            function.__annotations__["file"] = Annotated[Path, tyro.conf.Positional, shown]
+            positional = tyro.conf.arg(metavar=nouns.upper())
+            function.__annotations__["file"] = Annotated[Path, tyro.conf.Positional, positional]
     return command
 
 
@@ -59,7 +59,7 @@ def _data(entry: AbstractEntry) -> Callable[..., int]:
 
         Args:
             out: Folder that receives training.jsonl and validation.jsonl. Rerun the command to resume an interrupted run.
-            options: Which.
+            options: Which demonstrations to make.
         """
         prepare_jax()
         from deggflow.task import write_data
@@ -69,7 +69,7 @@ def _data(entry: AbstractEntry) -> Callable[..., int]:
             bar = bars.add_task(model.noun, total=None)
             write_data(
                 model, out, options,
-                lambda done, total: bars.update(bar, completed=done, total=total),
+                lambda count, total: bars.update(bar, completed=count, total=total),
             )  # fmt: skip
         for line in model.describe(out):
             console().print(line)
@@ -86,14 +86,14 @@ def _train(entry: AbstractEntry) -> Callable[..., int]:
         Args:
             data: Folder with training.jsonl and validation.jsonl.
             out: Folder that receives config.json, checkpoints, curves.csv, curves.png, field.safetensors and its card field.json.
-            options: How.
+            options: How to train.
         """
         prepare_jax()
         from deggflow.task import train_field
         from deggflow.train import TrainingConfig
 
         from .remake import remake
-        from .runs import shown_training
+        from .runs import training_progress
 
         try:
             config = TrainingConfig(
@@ -103,7 +103,7 @@ def _train(entry: AbstractEntry) -> Callable[..., int]:
         except ValueError as error:
             raise InputError(str(error)) from None
         sizes = options.architecture()
-        with shown_training(options.steps, out) as show:
+        with training_progress(options.steps, out) as show:
             train_field(
                 entry.load_task().model, data, out, config, sizes, show,
                 commands=remake(entry.name, entry.load_options().data, sizes),
@@ -122,18 +122,24 @@ def _generate(entry: AbstractEntry) -> Callable[..., int]:
         say why; 2: bad input.
 
         Args:
-            options: What, and how.
+            options: What to generate, and how.
         """
         prepare_jax()
-        from .runs import check_output, digest_of_weights, generated, wanted, write_results
+        from .runs import (
+            check_output,
+            condition_source,
+            digest_of_weights,
+            generate_results,
+            write_results,
+        )
 
         task = entry.load_task()
-        asked = wanted(task, options)
+        source = condition_source(task, options)
         settings = {
             "command": f"{entry.name} generate",
-            "conditions": asked.digest,
-            "size": asked.size,
-            "count": asked.count,
+            "conditions": source.digest,
+            "size": source.size,
+            "count": source.count,
             **options.settings(),
             "weights": digest_of_weights(options.weights),
         }
@@ -141,15 +147,15 @@ def _generate(entry: AbstractEntry) -> Callable[..., int]:
         generator = task.generator(task.model.load(options.weights), options)
 
         def chunks(first: int, bars: "Progress") -> Iterator[list[Any]]:
-            return generated(generator, asked, options, first, bars)
+            return generate_results(generator, source, options, first, bars)
 
         failed = write_results(
-            options.out, settings, asked, f"{task.noun}s",
+            options.out, settings, source, f"{task.noun}s",
             lambda row: task.fails(row, guided=options.guided), chunks,
         )  # fmt: skip
         where = "" if options.out is None else f" They are in {options.out}."
-        done = f"{asked.count - failed} of {asked.count} {task.claim.of(asked.count)}"
-        console().print(f"{done}.{where}")
+        totals = f"{source.count - failed} of {source.count} {task.claim.of(source.count)}"
+        console().print(f"{totals}.{where}")
         return NOT_SATISFIED if failed and options.guided else SATISFIED
 
     return generate
@@ -157,14 +163,14 @@ def _generate(entry: AbstractEntry) -> Callable[..., int]:
 
 def _certify(entry: AbstractEntry) -> Callable[..., int]:
     def certify(file: Path, options: Any) -> int:
-        """Check the results of a file anew, regardless of origin: independently of their generation, and against themselves.
+        """Check the results of a file again, regardless of origin, and each line against itself.
 
-        Exit code 0: every result satisfies its requirements; 3: some do not, or something a line says is wrong;
-        2: bad input.
+        The check shares no code with the generation. Exit code 0: every result satisfies its requirements; 3: some
+        do not, or a line contains false statements; 2: bad input.
 
         Args:
             file: File of results, as `generate` writes it.
-            options: What of it.
+            options: Which lines to check, and against which conditions.
         """
         from .certifying import certify_file
 
@@ -175,10 +181,10 @@ def _certify(entry: AbstractEntry) -> Callable[..., int]:
 
 def _evaluate(entry: AbstractEntry) -> Callable[..., int]:
     def evaluate(options: Any) -> int:
-        """Measure success: nominal beside guided, every claim checked by an independent oracle.
+        """Measure the success of nominal and guided generation; an independent oracle checks every claim.
 
         Args:
-            options: What, and on how many cases.
+            options: What to measure, and on how many cases.
         """
         prepare_jax()
         from .runs import digest_of_weights, run_jobs
@@ -199,11 +205,11 @@ def _evaluate(entry: AbstractEntry) -> Callable[..., int]:
 
 def _render(entry: AbstractEntry) -> Callable[..., int]:
     def render(file: Path, options: Any) -> int:
-        """Draw results of a file; what fails is red.
+        """Draw results of a file; violations are red.
 
         Args:
             file: File of results, as `generate` writes it.
-            options: What is drawn.
+            options: What to draw.
         """
         prepare_jax()
         from functools import cache, partial

@@ -1,4 +1,4 @@
-"""`deggflow demo`: the first thing a new user runs."""
+"""`deggflow demo`: a first example for new users."""
 
 from pathlib import Path
 
@@ -6,10 +6,10 @@ from .session import NOT_SATISFIED, SATISFIED, output, prepare_jax
 
 
 def demo(out: Path = Path("demo"), count: int = 8, size: int = 8, seed: int = 0) -> int:
-    """Scenes under changed requirements, nominal beside guided, with certificates and pictures.
+    """Generate nominal and guided scenes under changed requirements, with certificates and pictures.
 
     Args:
-        out: Folder that receives scenes.jsonl, pictures and a video; what an earlier demo left there is replaced.
+        out: Folder that receives scenes.jsonl, pictures and a video; files of an earlier demo are replaced.
         count: Number of scenes.
         size: Number of objects in each.
         seed: Seed of scenes and of z(0).
@@ -61,7 +61,7 @@ def demo(out: Path = Path("demo"), count: int = 8, size: int = 8, seed: int = 0)
         write_pictures(scene, target, "auto", generations, nominal=True, video=first, mjcf=first)
     output().print(
         f"Scenes: {out / 'scenes.jsonl'}\n"
-        f"Pictures, nominal beside guided: {out / 'scene_0001.png'} to {out / f'scene_{count:04d}.png'}\n"
+        f"Pictures of the nominal and the guided scene: {out / 'scene_0001.png'} to {out / f'scene_{count:04d}.png'}\n"
         f"The first scene being generated: {out / 'scene_0001.mp4'}; as a MuJoCo model: {out / 'scene_0001.xml'}"
     )
     return SATISFIED if all(scene.certificate.satisfied for scene in guided) else NOT_SATISFIED

@@ -1,11 +1,11 @@
-"""Which tasks there are: the package's own, and those that other packages register.
+"""The available tasks: the package's own, and those that other packages register.
 
-A package registers a task of its own in one line of its pyproject.toml:
+A package registers a task in one line of its pyproject.toml:
 
     [project.entry-points."deggflow.tasks"]
     drones = "drones:DroneTask"
 
-A task that is no team task also registers how its results are drawn, under the same name in "deggflow.pictures".
+A task that is not a team task also registers its pictures, under the same name in "deggflow.pictures".
 """
 
 import importlib
@@ -25,11 +25,11 @@ GROUP, PICTURES = "deggflow.tasks", "deggflow.pictures"
 
 
 class AbstractEntry(ABC):
-    """Where a task and its parts are loaded from.
+    """Loads a task and its parts.
 
     Attributes:
-        name: On the command line.
-        help: What its results are, in a sentence.
+        name: The task's name on the command line.
+        help: One sentence on its results.
     """
 
     name: str
@@ -38,30 +38,30 @@ class AbstractEntry(ABC):
     @property
     @abstractmethod
     def noun(self) -> str:
-        """What one of its results is called."""
+        """The task's word for one result."""
 
     @abstractmethod
     def load_options(self) -> TaskOptions:
-        """The dataclasses of its options."""
+        """The dataclasses of the task's options."""
 
     @abstractmethod
     def load_task(self) -> "AbstractTask[Any, Any]":
-        """The task; `InputError` where it can't be loaded."""
+        """The task; raises `InputError` if it can't be loaded."""
 
     @abstractmethod
     def load_pictures(self) -> "AbstractPictures[Any]":
-        """How its results are drawn."""
+        """The pictures of its results."""
 
 
 @dataclass(frozen=True)
 class ShippedEntry(AbstractEntry):
-    """A task by the names of its objects, which are imported when they are needed.
+    """A task of this package; its objects are imported when they are needed.
 
     Attributes:
-        name: On the command line.
-        help: What its results are, in a sentence.
-        result: What one of them is called.
-        options: "module:object" of its `TaskOptions`; these are read before JAX is loaded.
+        name: The task's name on the command line.
+        help: One sentence on its results.
+        result: The task's word for one result.
+        options: "module:object" of its `TaskOptions`, which are read before JAX is loaded.
         task: "module:class" of its `AbstractTask`.
         pictures: "module:class" of its `AbstractPictures`.
     """
@@ -75,11 +75,11 @@ class ShippedEntry(AbstractEntry):
 
     @property
     def noun(self) -> str:
-        """What one of its results is called."""
+        """The task's word for one result."""
         return self.result
 
     def load_options(self) -> TaskOptions:
-        """The dataclasses of its options."""
+        """The dataclasses of the task's options."""
         options: TaskOptions = _object(self.options)
         return options
 
@@ -89,7 +89,7 @@ class ShippedEntry(AbstractEntry):
         return task
 
     def load_pictures(self) -> "AbstractPictures[Any]":
-        """How its results are drawn."""
+        """The pictures of its results."""
         pictures: AbstractPictures[Any] = _object(self.pictures)()
         return pictures
 
@@ -120,24 +120,24 @@ def _object(name: str) -> Any:
 
 
 class RegisteredEntry(AbstractEntry):
-    """A task that another package registers; it is imported as a whole, JAX included."""
+    """A task that another package registers. It is imported as a whole, including JAX."""
 
     def __init__(self, point: EntryPoint) -> None:
-        """Args: point: its line in the other package's metadata."""
+        """Args: point: the entry point in the other package's metadata."""
         self.point, self.name = point, point.name
-        self.help = f"A task of {point.module}."
+        self.help = f"A task from {point.module}."
 
     @property
     def noun(self) -> str:
-        """What one of its results is called."""
+        """The task's word for one result."""
         return self.load_task().noun
 
     def load_options(self) -> TaskOptions:
-        """The dataclasses of its options."""
+        """The dataclasses of the task's options."""
         return self.load_task().options
 
     def load_task(self) -> "AbstractTask[Any, Any]":
-        """The task; `InputError` where it can't be loaded."""
+        """The task; raises `InputError` if it can't be loaded."""
         try:
             task: AbstractTask[Any, Any] = self.point.load()()
         except (ImportError, AttributeError) as error:
@@ -147,7 +147,7 @@ class RegisteredEntry(AbstractEntry):
         return task
 
     def load_pictures(self) -> "AbstractPictures[Any]":
-        """Of a team task, by its own `draw`; of any other, what is registered under the same name."""
+        """Pictures by the `draw` method of a team task; for any other task, those registered under its name."""
         from deggflow.task.team import AbstractTeamTask
         from deggflow.view.team import TeamPictures
 
@@ -160,8 +160,8 @@ class RegisteredEntry(AbstractEntry):
         raise InputError(f"no pictures are registered for {self.name!r} in the group {PICTURES!r}")
 
 
-def registered(taken: Sequence[str]) -> list[RegisteredEntry]:
-    """Tasks of other packages, but for those whose names are taken."""
+def registered(shipped: Sequence[str]) -> list[RegisteredEntry]:
+    """Tasks of other packages, except those that have the name of a shipped task."""
     return [
-        RegisteredEntry(point) for point in entry_points(group=GROUP) if point.name not in taken
+        RegisteredEntry(point) for point in entry_points(group=GROUP) if point.name not in shipped
     ]

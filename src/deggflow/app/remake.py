@@ -1,4 +1,4 @@
-"""What a user types to train weights again; it stands in their card."""
+"""The commands that train weights again; the card of the weights records them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
@@ -12,9 +12,9 @@ def remake(task: str, recipe_kind: type[Recipe], architecture: Mapping[str, int]
     """Commands that make a task's demonstrations and train its field.
 
     Args:
-        task: Its name.
+        task: Name of the task.
         recipe_kind: Dataclass of its `data` options.
-        architecture: Sizes of the network by name, if they can be chosen.
+        architecture: Sizes of the network by name, if the user can choose them.
     """
     options = [field.name for field in fields(recipe_kind)]
 

@@ -1,4 +1,4 @@
-"""What runs share: which conditions are wanted, results and rows that survive a kill, training shown."""
+"""Shared by the commands: sources of conditions, results and rows that survive a kill, progress of training."""
 
 import json
 import sys
@@ -37,7 +37,7 @@ C = TypeVar("C", bound=Written)
 
 
 def printable(text: str) -> str:
-    """Text of a file without anything that could move the cursor or can't be printed; lines stay."""
+    """Text of a file with unprintable characters escaped, except line breaks: nothing can move the cursor."""
     return "\n".join(
         "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
         for line in text.split("\n")
@@ -45,7 +45,7 @@ def printable(text: str) -> str:
 
 
 def digest_of_weights(path: Path | None) -> str | None:
-    """What tells one weights file from another, its card included: content, whatever the file is called."""
+    """Digest of the content of a weights file and its card, regardless of the file's name."""
     if path is None:
         return None
     from deggflow.weights import card_path
@@ -60,19 +60,26 @@ def digest_of_weights(path: Path | None) -> str | None:
 
 
 def check_output(out: Path | None, settings: Mapping[str, Any]) -> None:
-    """Refuses a file of another run before anything is computed; it is looked at again once it is locked."""
+    """Refuses a file of another run before anything is computed; the file is checked again once it is locked."""
     if out is not None:
         ResumableOutput(out, settings)
 
 
 @dataclass(frozen=True)
 class ConditionSource(Generic[C]):
-    """Conditions of a run by number, from a file or drawn."""
+    """Conditions of a run by number, from a file or drawn.
+
+    Attributes:
+        count: Number of conditions.
+        size: Number of agents of drawn conditions; 0 if the conditions come from a file.
+        part: Maps (number of the first condition, how many) to the conditions.
+        digest: Digest of a file's conditions as they were read; None if they are drawn.
+    """
 
     count: int
-    size: int  # of drawn conditions; 0 if a file gives them
-    part: Callable[[int, int], list[C]]  # number of the first, how many
-    digest: str | None = None  # of a file's conditions as they were read; None if they are drawn
+    size: int
+    part: Callable[[int, int], list[C]]
+    digest: str | None = None
 
     def belongs(self, number: int, row: Any) -> bool:
         """Whether a line holds the result for the condition of its number."""
@@ -80,19 +87,19 @@ class ConditionSource(Generic[C]):
         return bool(row.get("condition") == json.loads(json.dumps(condition.to_json())))
 
 
-def generated(
+def generate_results(
     generator: AbstractGenerator[C, R],
-    asked: ConditionSource[C],
+    source: ConditionSource[C],
     options: GenerateOptions,
     first: int,
     bars: "Progress",
 ) -> Iterator[list[R]]:
-    """Results from number `first` on, some at a time, as soon as they are finished.
+    """Yields results from number `first` on, some at a time, as soon as they are finished.
 
-    A chunk that a kill cut in two is generated again whole, as another batch rounds differently; what is written of it
-    already is passed over.
+    A chunk that a kill cut in two is generated again as a whole, since a batch of another size rounds differently.
+    Its results that are already written are skipped.
     """
-    chunking = generator.chunking(*asked.part(0, 1))
+    chunking = generator.chunking(*source.part(0, 1))
     bar = None
 
     def tell(status: str) -> None:
@@ -102,13 +109,13 @@ def generated(
 
     def results(start: int) -> Iterator[list[R]]:
         number = start
-        conditions = asked.part(start, min(chunking.size, asked.count - start))
+        conditions = source.part(start, min(chunking.size, source.count - start))
         run = RunSettings(options.seed, start, options.max_draws if options.guided else 1)
         for some in generator.generate(conditions, run, tell):
             yield some[max(0, first - number) :]
             number += len(some)
 
-    starts = range(first // chunking.size * chunking.size, asked.count, chunking.size)
+    starts = range(first // chunking.size * chunking.size, source.count, chunking.size)
     if chunking.concurrent and len(starts) > 1:
         yield from _ahead(lambda start: list(results(start)), starts)
     else:
@@ -117,25 +124,25 @@ def generated(
 
 
 def _ahead(results: Callable[[int], list[list[R]]], starts: Sequence[int]) -> Iterator[list[R]]:
-    """Results of every start in order; two more are begun while those of one are judged and written."""
-    yield from results(starts[0])  # compiles for the others
+    """Results of every start in order; two more chunks are computed while one is judged and written."""
+    yield from results(starts[0])  # compiles the programs for the other chunks
     pool = ThreadPoolExecutor(2)
     try:
-        coming = deque(pool.submit(results, start) for start in starts[1:3])
+        futures = deque(pool.submit(results, start) for start in starts[1:3])
         for start in starts[3:]:
-            yield from coming.popleft().result()
-            coming.append(pool.submit(results, start))
-        while coming:
-            yield from coming.popleft().result()
+            yield from futures.popleft().result()
+            futures.append(pool.submit(results, start))
+        while futures:
+            yield from futures.popleft().result()
     finally:
         pool.shutdown(cancel_futures=True)
 
 
-def wanted(task: AbstractTask[C, R], options: GenerateOptions) -> ConditionSource[C]:
-    """What --conditions, or --size and --count, ask for.
+def condition_source(task: AbstractTask[C, R], options: GenerateOptions) -> ConditionSource[C]:
+    """The conditions that the options --conditions, or --size and --count, select.
 
     Raises:
-        InputError: The arguments do not go together, or the file is bad.
+        InputError: The options exclude each other, or the file is invalid.
     """
     if (options.conditions is None) == (options.size is None):
         raise InputError("give either --conditions FILE or --size N (with --count M)")
@@ -143,7 +150,7 @@ def wanted(task: AbstractTask[C, R], options: GenerateOptions) -> ConditionSourc
         if options.count is not None:
             raise InputError("--count goes with --size, not with --conditions")
         conditions = task.read_conditions(options.conditions)
-        # Of what was read, not of the file: a pipe can be read only once.
+        # Digest of the conditions, not of the file: a pipe can be read only once.
         content = json.dumps([condition.to_json() for condition in conditions]).encode()
         return ConditionSource(
             len(conditions),
@@ -162,24 +169,24 @@ def wanted(task: AbstractTask[C, R], options: GenerateOptions) -> ConditionSourc
 def write_results(
     out: Path | None,
     settings: Mapping[str, Any],
-    asked: ConditionSource[Any],
+    source: ConditionSource[Any],
     label: str,
     fails: Callable[[Mapping[str, Any]], bool],
     chunks: "Callable[[int, Progress], Iterator[list[R]]]",
 ) -> int:
-    """Results to stdout, or to the end of a file that may hold some already; returns how many fail.
+    """Writes results to stdout or appends them to a file; returns the number of failed ones.
 
     Args:
-        out: The file, or None for stdout.
-        settings: JSON values that tell this run from others.
-        asked: What results are of.
-        label: What they are called beside the progress bar.
-        fails: Whether a result, as it stands in the file, does not do what it should.
-        chunks: Results from a number on, a few at a time; may show more progress.
+        out: The file, which may hold some results already, or None for stdout.
+        settings: JSON values that distinguish this run from others.
+        source: Conditions of the results.
+        label: Text beside the progress bar.
+        fails: Whether a result, as a JSON object, fails.
+        chunks: Maps the number of the first result to results, a few at a time; may add progress bars.
     """
     failed = 0
 
-    def look(row: Mapping[str, Any]) -> None:
+    def count_failure(row: Mapping[str, Any]) -> None:
         nonlocal failed
         try:
             failed += fails(row)
@@ -187,28 +194,28 @@ def write_results(
             raise InputError("a finished line is no result of this command", file=out) from None
 
     with progress(hidden=out is None) as bars:
-        bar = bars.add_task(label, total=asked.count)
+        bar = bars.add_task(label, total=source.count)
         if out is None:
-            return sum(_print(found, fails) for found in chunks(0, bars))
+            return sum(_print(results, fails) for results in chunks(0, bars))
         target = ResumableOutput(
-            out, settings, count=asked.count, belongs=asked.belongs, on_row=look
+            out, settings, count=source.count, belongs=source.belongs, on_row=count_failure
         )
         with target as lines:
             bars.update(bar, completed=lines.done)
             for results in chunks(lines.done, bars):
-                found = [result.to_json() for result in results]
-                lines.append(found)
-                failed += sum(map(fails, found))
-                bars.advance(bar, len(found))
+                rows = [result.to_json() for result in results]
+                lines.append(rows)
+                failed += sum(map(fails, rows))
+                bars.advance(bar, len(rows))
     return failed
 
 
 def _print(results: Sequence[Written], fails: Callable[[Mapping[str, Any]], bool]) -> int:
     failed = 0
     for result in results:
-        found = result.to_json()
-        print(json.dumps(found, allow_nan=False), flush=True)
-        failed += fails(found)
+        row = result.to_json()
+        print(json.dumps(row, allow_nan=False), flush=True)
+        failed += fails(row)
     return failed
 
 
@@ -218,24 +225,24 @@ def run_jobs(
     settings: Mapping[str, Any],
     out: Path | None,
 ) -> list[Row]:
-    """Runs the jobs that are not done yet; each row is written to `out` as soon as it is known.
+    """Runs the jobs whose rows `out` does not hold yet; each row is written as soon as it is measured.
 
     Args:
-        jobs: What makes each row.
-        kind: A dataclass, which the rows are of.
-        settings: JSON values that tell this run from others.
+        jobs: One function per row, which measures it.
+        kind: Dataclass of the rows.
+        settings: JSON values that distinguish this run from others.
         out: The file, or None.
     """
     with progress() as bars:
         bar = bars.add_task("evaluating", total=len(jobs))
         if out is None:
-            found = []
+            rows = []
             for job in jobs:
-                found.append(job())
+                rows.append(job())
                 bars.advance(bar)
-            return found
+            return rows
         return resumed_rows(
-            jobs, kind, settings, out, lambda done: bars.update(bar, completed=done)
+            jobs, kind, settings, out, lambda count: bars.update(bar, completed=count)
         )
 
 
@@ -244,30 +251,30 @@ def resumed_rows(
     kind: type[Row],
     settings: Mapping[str, Any],
     out: Path,
-    on_progress: Callable[[int], None] = lambda done: None,
+    on_progress: Callable[[int], None] = lambda count: None,
 ) -> list[Row]:
-    """Rows of `out`, and behind them those of the jobs that it does not hold yet; arguments as of `run_jobs`."""
+    """The rows of `out`, followed by those of the remaining jobs. Args: as for `run_jobs`."""
     with ResumableOutput(out, settings, count=len(jobs)) as lines:
-        found = []
+        rows = []
         for number, row in enumerate(lines.finished, start=1):
             try:
-                found.append(parse_as(kind, row))
+                rows.append(parse_as(kind, row))
             except InputError as error:
                 raise InputError(
                     f"was damaged after it was written: {error.reason}; {ADVICE}",
                     file=out, line=number, field=error.field,
                 ) from None  # fmt: skip
-        on_progress(len(found))
-        for job in jobs[len(found) :]:
-            found.append(job())
-            lines.append([found[-1].to_json()])
-            on_progress(len(found))
-        return found
+        on_progress(len(rows))
+        for job in jobs[len(rows) :]:
+            rows.append(job())
+            lines.append([rows[-1].to_json()])
+            on_progress(len(rows))
+        return rows
 
 
 @contextmanager
-def shown_training(steps: int, out: Path) -> "Iterator[Callable[[Curve], None]]":
-    """Shows the points of the curves as they come; at the end the curves are drawn into `out`."""
+def training_progress(steps: int, out: Path) -> "Iterator[Callable[[Curve], None]]":
+    """Shows the losses during training; plots the curves into `out` at the end."""
     with progress() as bars:
         bar = bars.add_task("training", total=steps)
 

@@ -1,4 +1,4 @@
-"""What every command shares: compiled programs kept on disk, progress, messages, exit codes."""
+"""Shared by all commands: the cache of compiled programs, progress bars, messages, exit codes."""
 
 import os
 import sys
@@ -18,12 +18,12 @@ SATISFIED, UNFORESEEN, BAD_INPUT, NOT_SATISFIED = 0, 1, 2, 3
 
 def cache_folder() -> Path:
     """Where compiled programs are kept between runs (`DEGGFLOW_CACHE`, else the user's cache folder)."""
-    named = os.environ.get("DEGGFLOW_CACHE")
-    if named:
-        return Path(named)
+    override = os.environ.get("DEGGFLOW_CACHE")
+    if override:
+        return Path(override)
     try:
         base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    except RuntimeError:  # an unknown user without a home, as in a container
+    except RuntimeError:  # an unknown user without a home folder, as in a container
         base = Path(tempfile.gettempdir())
     return base / "deggflow"
 
@@ -38,19 +38,19 @@ def prepare_jax() -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError:
-        return  # a read-only home: programs are compiled anew each time
-    _renew_what_is_damaged(folder)
+        return  # a read-only home folder: programs are compiled each time
+    _clear_damaged_cache(folder)
     jax.config.update("jax_compilation_cache_dir", str(folder))
-    # Small programs, too: dozens of them are most of what a second start would compile.
+    # Small programs are cached, too: dozens of them make up most of the compilation at a second start.
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
 
 
-def _renew_what_is_damaged(folder: Path) -> None:
-    """Removes compiled programs once one can't be read; JAX itself warns, and leaves it there for the next run."""
+def _clear_damaged_cache(folder: Path) -> None:
+    """Removes all compiled programs once one can't be read; JAX itself only warns at every run."""
     show = warnings.showwarning
 
-    def shown(
+    def showwarning(
         message: Warning | str,
         category: type[Warning],
         filename: str,
@@ -59,27 +59,27 @@ def _renew_what_is_damaged(folder: Path) -> None:
         line: str | None = None,
     ) -> None:
         if "writing persistent compilation cache entry" in str(message):
-            return  # a full disk, for instance: programs are compiled anew each time
+            return  # a full disk, for instance: programs are compiled each time
         if "reading persistent compilation cache entry" not in str(message):
             show(message, category, filename, lineno, file, line)
             return
         for entry in folder.glob("*"):
             with suppress(OSError):
                 entry.unlink()
-        console().print(f"Compiled programs in {folder} were damaged; they are compiled anew.")
+        console().print(f"Compiled programs in {folder} were damaged; they are compiled again.")
 
-    warnings.showwarning = shown
+    warnings.showwarning = showwarning
 
 
 def console() -> "Console":
-    """Messages go to stderr; stdout is for results."""
+    """The console for messages, on stderr; stdout is for results."""
     from rich.console import Console
 
     return Console(stderr=True, highlight=False, soft_wrap=True)
 
 
 def output() -> "Console":
-    """Tables on stdout, wide enough to stay whole when they are piped."""
+    """The console for tables, on stdout; wide enough that piped tables stay whole."""
     from rich.console import Console
 
     return Console(highlight=False, width=None if sys.stdout.isatty() else 150)
@@ -87,7 +87,7 @@ def output() -> "Console":
 
 @contextmanager
 def progress(*, hidden: bool = False) -> Iterator["Progress"]:
-    """Progress bars on stderr, only where somebody watches."""
+    """Progress bars on stderr, only if it is a terminal."""
     from rich.progress import (
         BarColumn,
         MofNCompleteColumn,

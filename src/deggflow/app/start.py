@@ -1,4 +1,4 @@
-"""Where the `deggflow` command begins: Ctrl-C ends it in one line, from its first moment to its last."""
+"""Entry point of the `deggflow` command: at any moment Ctrl-C ends it with a one-line message."""
 
 import os
 import signal
@@ -11,7 +11,7 @@ MESSAGE = "deggflow: interrupted; with --out, rerun the command to resume"
 
 
 class Unraisable(Protocol):
-    """What Python hands to `sys.unraisablehook`."""
+    """The argument of `sys.unraisablehook`."""
 
     exc_type: type[BaseException]
     exc_value: BaseException | None
@@ -29,19 +29,18 @@ def main() -> None:
 
     show = sys.unraisablehook
 
-    def unraisable(lost: Unraisable) -> None:
-        """Python drops what is raised in a callback of its garbage collector, Ctrl-C included."""
-        if not issubclass(lost.exc_type, KeyboardInterrupt):
-            show(lost)  # type: ignore[arg-type]
+    def hook(unraisable: Unraisable) -> None:
+        """Python drops exceptions in callbacks of its garbage collector, including Ctrl-C."""
+        if not issubclass(unraisable.exc_type, KeyboardInterrupt):
+            show(unraisable)  # type: ignore[arg-type]
             return
         print(MESSAGE, file=sys.stderr, flush=True)
-        os._exit(INTERRUPTED)  # files are as safe as from a kill
+        os._exit(INTERRUPTED)  # files survive this as they survive a kill
 
-    if (
-        signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
-    ):  # as it is for a shell's background jobs
+    # It is ignored in the background jobs of a shell.
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
         signal.signal(signal.SIGINT, interrupt)
-    sys.unraisablehook = unraisable
+    sys.unraisablehook = hook
     try:
         from .cli import main as run
 
@@ -53,7 +52,7 @@ def main() -> None:
         print(MESSAGE, file=sys.stderr)
         sys.exit(INTERRUPTED)
     finally:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # nothing is left but to leave
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process is ending
 
 
 if __name__ == "__main__":

@@ -6,17 +6,17 @@ from .session import output
 
 
 def show(table: Table | str) -> None:
-    """Prints a table and what it says below, or text as it is."""
+    """Prints a table with its note, or plain text."""
     if isinstance(table, str):
         output().print(table, markup=False)
         return
     from rich.table import Table as RichTable
 
-    shown = RichTable(title=table.title, title_justify="left")
+    rich_table = RichTable(title=table.title, title_justify="left")
     for heading in table.headings:
-        shown.add_column(heading, no_wrap=True)
+        rich_table.add_column(heading, no_wrap=True)
     for row in table.rows:
-        shown.add_row(*map(str, row))
-    output().print(shown)
+        rich_table.add_row(*map(str, row))
+    output().print(rich_table)
     if table.note:
         output().print(table.note)

@@ -1,4 +1,4 @@
-"""What a task is made of: interfaces that it implements, and what all tasks share behind them."""
+"""The interfaces that a task implements, and the code that all tasks share."""
 
 import importlib
 from typing import TYPE_CHECKING, Any
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     )
     from .training import train_field
 
-# Loaded when first used: options are read before anybody waits for JAX.
+# Modules are loaded when first used: options are parsed before JAX is imported.
 _HOME = {
     "data": ("write_data",),
     "interface": (

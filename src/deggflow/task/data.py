@@ -1,4 +1,4 @@
-"""Demonstrations written to a folder: completed after a kill, and there when it is said that they are."""
+"""Demonstrations written to a folder; an interrupted call can be completed."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -11,25 +11,25 @@ from .model import AbstractModel, Part, parts
 from .options import Recipe, check_range
 
 Progress = Callable[[int, int], None]
-"""(demonstrations there, demonstrations in all)."""
+"""(demonstrations written, demonstrations in all)."""
 
 
 def write_data(
     model: AbstractModel,
     folder: StrPath,
     recipe: Recipe,
-    on_progress: Progress = lambda done, total: None,
+    on_progress: Progress = lambda count, total: None,
 ) -> None:
-    """Writes `training.jsonl` and `validation.jsonl`, or completes what an interrupted call left there.
+    """Writes `training.jsonl` and `validation.jsonl`, or completes the files of an interrupted call.
 
     Args:
         model: Makes the demonstrations.
-        folder: Receives both files.
-        recipe: What is made.
+        folder: Folder that receives both files.
+        recipe: Number, sizes and seed of the demonstrations.
         on_progress: Called after each chunk.
 
     Raises:
-        InputError: A file belongs to another recipe, is written by another process, can't be written or was removed.
+        InputError: A file belongs to another recipe, another process is writing it, it can't be written, or it was removed.
     """
     for size in recipe.sizes:
         check_range("sizes", size, *model.sizes)
@@ -43,10 +43,10 @@ def write_data(
             folder,
             recipe,
             part,
-            lambda done, before=before: on_progress(before + done, total),
+            lambda count, before=before: on_progress(before + count, total),
         )
         before += len(recipe.sizes) * part.each
-    for part in parts(recipe):  # the first may have gone while the second was written
+    for part in parts(recipe):  # the first file may be removed while the second is written
         if not _path(folder, part).exists():
             raise InputError("was removed while the data were written", file=_path(folder, part))
 
@@ -66,11 +66,11 @@ def _write_part(
     with ResumableOutput(
         _path(folder, part), recipe.to_json(), count=lines, on_row=forget
     ) as output:
-        resumed = output.done
-        on_progress(resumed)
+        lines_before = output.done
+        on_progress(lines_before)
         for position, size in enumerate(recipe.sizes):
-            have = min(max(0, resumed - position * part.each), part.each)
-            # A chunk that a kill cut in two is made again whole, as another batch rounds differently.
+            have = min(max(0, lines_before - position * part.each), part.each)
+            # A chunk that a kill cut in two is made again as a whole: a batch of another size rounds differently.
             for start in range(have // model.chunk * model.chunk, part.each, model.chunk):
                 count = min(model.chunk, part.each - start)
                 if start + count <= have:

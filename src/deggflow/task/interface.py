@@ -1,4 +1,4 @@
-"""A task as the commands see it: conditions, model, generator, checks and evaluations behind declared interfaces."""
+"""The interfaces of a task that the commands use: conditions, model, generator, checks and evaluations."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -17,10 +17,10 @@ from .options import EvaluateOptions, GenerateOptions, TaskOptions
 
 @runtime_checkable
 class Written(Protocol):
-    """Whatever has a line in a file."""
+    """An object that is written as a line of a file."""
 
     def to_json(self) -> Mapping[str, Any]:
-        """As it stands in a file."""
+        """The JSON object for a file."""
 
 
 @runtime_checkable
@@ -38,27 +38,32 @@ Row = TypeVar("Row", bound=Written)  # of an evaluation
 
 
 class Claim(NamedTuple):
-    """What is said of results that are as they should be."""
+    """How `generate` describes results that satisfy their requirements.
+
+    Attributes:
+        one: Singular, e.g. "scene satisfies every requirement".
+        many: Plural.
+    """
 
     one: str
     many: str
 
     def of(self, count: int) -> str:
-        """In the number that the count asks for."""
+        """The singular or the plural, by the count."""
         return self.one if count == 1 else self.many
 
     def in_total(self, examinations: Sequence["Examination"]) -> str:
-        """How many results hold, and of how many lines something is wrong."""
+        """A sentence with the number of satisfied results and of lines with false statements."""
         good = sum(each.holds for each in examinations)
         wrong = sum(bool(each.wrong) for each in examinations)
-        return f"{good} of {len(examinations)} {self.many}; {wrong} lines say what is not so."
+        return f"{good} of {len(examinations)} {self.many}; {wrong} lines contain false statements."
 
 
 class Chunking(NamedTuple):
-    """How a long run is cut into pieces.
+    """How a long run is divided into chunks.
 
     Attributes:
-        size: Conditions that are given at once; a chunk that a kill cut in two is generated again whole.
+        size: Conditions per chunk; a chunk that a kill cut in two is generated again as a whole.
         concurrent: Whether `generate` may be called for the next chunk while the results of one are written.
     """
 
@@ -85,35 +90,35 @@ OnStatus = Callable[[str], None]
 
 
 class AbstractGenerator(ABC, Generic[C, R]):
-    """Certified results for conditions."""
+    """Generates certified results for conditions."""
 
     @abstractmethod
     def chunking(self, condition: C) -> Chunking:
-        """How a run whose first condition is this one is cut into pieces."""
+        """How a run that starts with this condition is divided into chunks."""
 
     @abstractmethod
     def generate(
         self, conditions: Sequence[C], run: RunSettings, on_status: OnStatus
     ) -> Iterator[list[R]]:
-        """Results in order, some at a time, as soon as they are finished.
+        """Yields results in order, some at a time, as soon as they are finished.
 
         Args:
-            conditions: What is asked for.
-            run: What decides z(0), and how often it is drawn.
-            on_status: Told how far the work is.
+            conditions: One condition per result.
+            run: Decides z(0), and how often it is drawn.
+            on_status: Called with a text on the progress.
         """
 
 
 @dataclass(frozen=True)
 class Examination:
-    """What `certify` found out about one line of a file, whatever the line says of itself.
+    """The findings of `certify` on one line of a file, independent of the line's own claims.
 
     Attributes:
         holds: Whether the result satisfies its requirements.
-        text: What was found, in words.
-        wrong: Everything the line says that can't be so.
+        text: The findings in words.
+        wrong: The false statements of the line.
         certificate: The line's certificate as a table.
-        detail: Whatever else the task's totals are made of.
+        detail: Further values for the task's totals.
     """
 
     holds: bool
@@ -124,21 +129,28 @@ class Examination:
 
 
 class Table(NamedTuple):
-    """Rows of an evaluation as they are printed."""
+    """A printed table of an evaluation.
+
+    Attributes:
+        title: Text above the table.
+        headings: One per column.
+        rows: Cells.
+        note: Text below the table, which explains columns.
+    """
 
     title: str
     headings: Sequence[str]
     rows: Sequence[Sequence[object]]
-    note: str = ""  # below the table, one sentence for each column that needs it
+    note: str = ""
 
 
 class AbstractEvaluation(ABC, Generic[Row]):
-    """Something that is measured row by row.
+    """An evaluation that is measured row by row.
 
     Attributes:
         row: Dataclass of the rows, which files hold.
-        settings: JSON values that tell this evaluation from others.
-        jobs: What measures each row.
+        settings: JSON values that distinguish this evaluation from others.
+        jobs: One function per row, which measures it.
     """
 
     row: type[Row]
@@ -147,22 +159,22 @@ class AbstractEvaluation(ABC, Generic[Row]):
 
     @abstractmethod
     def tables(self, rows: Sequence[Row]) -> Sequence[Table | str]:
-        """What is printed of the rows: tables, and text as it is."""
+        """Tables and plain texts that present the rows."""
 
     @abstractmethod
     def complete(self, rows: Sequence[Row]) -> bool:
-        """Whether everything guided is satisfied and no claim is refuted."""
+        """Whether all guided results satisfy their requirements and no claim is refuted."""
 
 
 class AbstractTask(ABC, Generic[C, R]):
-    """Everything that `data`, `train`, `generate`, `certify`, `evaluate` and `render` need of a task.
+    """A task, as `data`, `train`, `generate`, `certify`, `evaluate` and `render` use it.
 
     Attributes:
-        name: On the command line.
-        noun: What a result is called.
+        name: The task's name on the command line.
+        noun: The task's word for one result.
         sizes: Least and largest number of agents that `generate --size` takes.
         options: Options of the commands.
-        unverified: Fields of a result's line that no file can show to be true.
+        unverified: Fields of a result's line that can't be verified from the file.
     """
 
     name: str
@@ -174,7 +186,7 @@ class AbstractTask(ABC, Generic[C, R]):
     @property
     @abstractmethod
     def claim(self) -> Claim:
-        """What is said of results that are as they should be."""
+        """How results that satisfy their requirements are described."""
 
     @property
     @abstractmethod
@@ -183,7 +195,7 @@ class AbstractTask(ABC, Generic[C, R]):
 
     @abstractmethod
     def parse_condition(self, value: Any, field: str = "") -> C:
-        """A condition from its JSON object; `InputError` with the field where it is not as it should be."""
+        """A condition from its JSON object; raises `InputError` naming the field if it is invalid."""
 
     @abstractmethod
     def random_conditions(
@@ -192,41 +204,41 @@ class AbstractTask(ABC, Generic[C, R]):
         """Conditions number `first` to `first + count - 1`; each depends on the seed and its own number alone."""
 
     @abstractmethod
-    def other_condition(self, asked: C, given: C) -> Wrong | None:
-        """In what a line's condition differs from the one that was asked for."""
+    def other_condition(self, expected: C, actual: C) -> Wrong | None:
+        """The first difference between the requested condition and that of a line; None if they agree."""
 
     @abstractmethod
     def parse_result(self, value: Any) -> R:
-        """A result from its JSON object; `InputError` with the field where it is not as it should be."""
+        """A result from its JSON object; raises `InputError` naming the field if it is invalid."""
 
     @abstractmethod
     def generator(self, field: Field, options: GenerateOptions) -> AbstractGenerator[C, R]:
-        """A generator for a field and what the options say of guidance."""
+        """A generator with this field, guided or not as the options say."""
 
     @abstractmethod
     def examine(self, result: R, line: Line) -> Examination:
-        """Checks a result by code that shares nothing with its generation, and a line against itself."""
+        """Checks a result by code that is independent of its generation, and its line against itself."""
 
     @abstractmethod
     def conclude(self, examinations: Sequence[Examination]) -> str:
-        """The totals of some lines, in a sentence."""
+        """A sentence with the totals over some lines."""
 
     @abstractmethod
     def evaluation(
         self, field: Field, options: EvaluateOptions, weights: str | None
     ) -> AbstractEvaluation[Any]:
-        """What `evaluate` measures. `weights` tells the field from others in the settings."""
+        """The evaluation that `evaluate` runs; `weights` identifies the field in its settings."""
 
     @abstractmethod
     def fails(self, row: Line, *, guided: bool) -> bool:
-        """Whether a result, as it stands in a file, is not as it should be."""
+        """Whether a result, as a JSON object, fails."""
 
     def read_conditions(self, path: StrPath) -> list[C]:
-        """All conditions of a file, or `InputError` for the first that is wrong."""
+        """All conditions of a file; raises `InputError` for the first invalid one."""
         return read_lines(path, self.parse_condition, f"{self.name} condition")
 
     def read_results(self, path: StrPath) -> list[tuple[R, Line]]:
-        """What every line of a file holds, and the line; `InputError` for the first that is wrong."""
+        """The results of a file, each with its line; raises `InputError` for the first invalid one."""
         what = f"{self.name} {self.noun}"
         return read_lines(path, lambda line: (self.parse_result(line), line), what)
 
@@ -251,11 +263,11 @@ class PictureRequest(Generic[R]):
 
 
 class AbstractPictures(ABC, Generic[R]):
-    """How a task's results are drawn."""
+    """Draws a task's results."""
 
     @abstractmethod
     def write(self, request: PictureRequest[R]) -> Iterator[Path]:
-        """Draws one result, and yields what was written.
+        """Draws one result and yields the files written.
 
         Raises:
             InputError: The result can't be generated again.
@@ -263,4 +275,4 @@ class AbstractPictures(ABC, Generic[R]):
 
     @abstractmethod
     def draw_evaluation(self, evaluation: AbstractEvaluation[Any], options: Any) -> None:
-        """Draws what an evaluation has besides its tables, if anything is asked for."""
+        """Draws the figures of an evaluation that the options select, if any."""

@@ -1,4 +1,4 @@
-"""What a task says of its model: demonstrations, training data, the field and its weights."""
+"""The interface of a task's model: demonstrations, training data, the field and its weights."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -20,9 +20,9 @@ class Part(NamedTuple):
     """One of the two files of a recipe.
 
     Attributes:
-        name: Of the file, without its ending.
+        name: Name of the file, without its suffix.
         each: Demonstrations of each size.
-        seed: Of these demonstrations.
+        seed: Seed of these demonstrations.
     """
 
     name: str
@@ -31,7 +31,7 @@ class Part(NamedTuple):
 
 
 def parts(recipe: Recipe) -> tuple[Part, Part]:
-    """Training and validation data, which share no seed."""
+    """Training and validation data, with different seeds."""
     return (
         Part("training", recipe.training, 2 * recipe.seed),
         Part("validation", recipe.validation, 2 * recipe.seed + 1),
@@ -40,16 +40,16 @@ def parts(recipe: Recipe) -> tuple[Part, Part]:
 
 @dataclass(frozen=True)
 class TrainingData:
-    """What a field is trained on, and how.
+    """Data and loss that a field is trained with.
 
     Attributes:
         training: Encoded samples with their conditions.
-        validation: Held-out ones.
-        loss: Of one sample.
-        augment: A symmetry of the data, drawn at random in training.
-        statistics: Of the training set, where the field is scaled by them.
-        remarks: What the card says of the data besides their recipe.
-        card: What else the card holds, for instance what `load` needs.
+        validation: Held-out samples with their conditions.
+        loss: Loss of one sample.
+        augment: Applies a random symmetry of the data during training.
+        statistics: Statistics of the training set by which the field is scaled, if it is.
+        remarks: Entries of the card about the data, besides their recipe.
+        card: Further entries of the card, for instance those that `load` needs.
     """
 
     training: Dataset
@@ -66,9 +66,9 @@ class AbstractModel(ABC):
 
     Attributes:
         task: Name of the task.
-        noun: What several demonstrations are called.
+        noun: The word for several demonstrations.
         sizes: Least and largest number of agents.
-        chunk: Demonstrations that are made and written at once.
+        chunk: Demonstrations per batch, which are made and written together.
         loss_text: The loss in words, for the card.
     """
 
@@ -84,16 +84,16 @@ class AbstractModel(ABC):
     ) -> Sequence[Mapping[str, Any]]:
         """Demonstrations number `first` to `first + count - 1` of one size, as lines of a file.
 
-        Each depends on the seed and its own number alone, but for rounding; whole chunks are made again after a kill.
+        Each depends only on the seed and its own number, up to rounding; after a kill, whole chunks are made again.
         """
 
     @abstractmethod
     def describe(self, folder: Path) -> Sequence[str]:
-        """What `data` tells of the demonstrations in a folder, a line each."""
+        """Lines that `data` prints about the demonstrations in a folder."""
 
     @abstractmethod
     def load_data(self, training: Path, validation: Path) -> TrainingData:
-        """Encodes two files of demonstrations; `InputError` where one is not as it should be."""
+        """Encodes two files of demonstrations; raises `InputError` if one is invalid."""
 
     @abstractmethod
     def build(
@@ -103,4 +103,4 @@ class AbstractModel(ABC):
 
     @abstractmethod
     def load(self, path: StrPath | None = None) -> Field:
-        """The field of a weights file and its card, or the shipped one; `InputError` if they are not of this task."""
+        """The field of a weights file and its card, or the shipped one; raises `InputError` if they are of another task."""

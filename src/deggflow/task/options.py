@@ -1,4 +1,4 @@
-"""Options of the commands that every task has; a task adds its own by deriving from these. Knows nothing of JAX."""
+"""Options of the commands that every task has; a task derives from these to add its own. Does not import JAX."""
 
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -14,7 +14,7 @@ MAX_DRAWS = 10_000
 def check_range(
     name: str, value: int | float, low: int | float, high: int | float, unit: str = ""
 ) -> None:
-    """Refuses an option that lies outside its range, by its name on the command line."""
+    """Raises `InputError`, with the option's name on the command line, if its value lies outside its range."""
     if not low <= value <= high:
         unit = unit and f" {unit}"
         raise InputError(
@@ -24,7 +24,7 @@ def check_range(
 
 @dataclass(frozen=True)
 class Recipe:
-    """Which demonstrations are made.
+    """Which demonstrations to make.
 
     Attributes:
         training: Training demonstrations of each size.
@@ -33,7 +33,7 @@ class Recipe:
         sizes: Sizes of the teams.
 
     Raises:
-        InputError: A setting lies outside of its range.
+        InputError: A setting lies outside its range.
     """
 
     training: int = 4_000
@@ -44,23 +44,25 @@ class Recipe:
     def __post_init__(self) -> None:
         check_range("training", self.training, 1, MAX_COUNT)
         check_range("validation", self.validation, 1, MAX_COUNT)
-        check_range("seed", self.seed, 0, MAX_SEED // 2)  # two seeds are made of it
+        check_range(
+            "seed", self.seed, 0, MAX_SEED // 2
+        )  # training and validation seeds derive from it
         if not self.sizes or len(set(self.sizes)) < len(self.sizes):
             raise InputError(
                 f"--sizes must be one size or several different ones; got {self.sizes}"
             )
 
     def to_json(self) -> dict[str, Any]:
-        """As it stands beside the data and in cards."""
+        """The JSON object beside the data and in cards."""
         return {**asdict(self), "sizes": list(self.sizes)}
 
 
 @dataclass(frozen=True)
 class TrainOptions:
-    """How a field is trained; fields that a task adds are sizes of its network.
+    """How to train a field; fields that a task adds are sizes of its network.
 
     Attributes:
-        steps: Training steps, a multiple of 500. Steps added to a finished run have a warm-up and a cosine of their own.
+        steps: Training steps, a multiple of 500. Steps added to a finished run have their own warm-up and cosine schedule.
         batch: Samples in a training step.
         learning_rate: Peak of the cosine schedule.
         seed: Seed of initial weights, batches and noise.
@@ -87,16 +89,16 @@ class TrainOptions:
 
 @dataclass(frozen=True)
 class GenerateOptions:
-    """What is generated, and how.
+    """What to generate, and how.
 
     Attributes:
         conditions: File of conditions, one JSON object a line.
-        size: Instead of a file: number of agents of randomly drawn conditions.
-        count: How many conditions to draw with --size (default 1).
+        size: Number of agents of randomly drawn conditions, instead of a file.
+        count: Number of conditions to draw with --size (default 1).
         seed: Seed of drawn conditions and of z(0).
         out: File that receives the results, line by line; rerun the command to resume. Default: stdout.
-        guidance: degg: guided; none: the nominal field alone, one draw.
-        max_draws: How often a result is drawn again until it satisfies its requirements.
+        guidance: degg: guided; none: only the nominal field, with one draw.
+        max_draws: Limit of draws of a result that does not satisfy its requirements.
         weights: Another weights file (.safetensors, card beside it).
     """
 
@@ -115,23 +117,23 @@ class GenerateOptions:
 
     @property
     def guided(self) -> bool:
-        """Whether guidance is asked for."""
+        """Whether the results are guided."""
         return self.guidance == "degg"
 
     def settings(self) -> dict[str, Any]:
-        """What tells runs apart, besides conditions and weights: JSON values by name."""
+        """JSON values by name that distinguish runs, besides conditions and weights."""
         elsewhere = ("conditions", "size", "count", "out", "weights")
         return {name: value for name, value in asdict(self).items() if name not in elsewhere}
 
 
 @dataclass(frozen=True)
 class CertifyOptions:
-    """What is checked of a file of results.
+    """What to check of a file of results.
 
     Attributes:
-        lines: Which lines of the file, from 1 (default: all).
-        conditions: File of the conditions that were asked for, in order: every line must be of the one of its number.
-        quiet: Print the totals alone.
+        lines: Numbers of the lines to check, from 1 (default: all).
+        conditions: File of the requested conditions; each line's condition must equal the one with the same number.
+        quiet: Print only the totals.
     """
 
     lines: tuple[int, ...] = ()
@@ -141,12 +143,12 @@ class CertifyOptions:
 
 @dataclass(frozen=True)
 class EvaluateOptions:
-    """What is measured.
+    """What to measure.
 
     Attributes:
         sizes: Numbers of agents.
         seed: Seed of cases and of z(0).
-        max_draws: How often a case is drawn again until it satisfies its requirements.
+        max_draws: Limit of draws of a case that does not satisfy its requirements.
         out: JSON Lines file that receives the rows; rerun the command to resume.
         weights: Another weights file (.safetensors, card beside it).
     """
@@ -173,12 +175,12 @@ class EvaluateOptions:
 
 @dataclass(frozen=True)
 class RenderOptions:
-    """What is drawn of each result.
+    """What to draw of each result.
 
     Attributes:
         out: Folder that receives the pictures.
-        lines: Which lines of the file, from 1 (default: the first 12).
-        weights: Weights the results were generated with, where they have to be generated again.
+        lines: Numbers of the lines to draw, from 1 (default: the first 12).
+        weights: Weights that the results were generated with, in case they have to be generated again.
     """
 
     out: Path = Path("pictures")

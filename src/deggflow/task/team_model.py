@@ -23,25 +23,25 @@ from .team_sample import TeamSample
 if TYPE_CHECKING:
     from .team import AbstractTeamTask
 
-LARGEST = {"width": 8192, "rounds": 64, "head_width": 8192}  # that a card may name
-_FEW = 1e-3  # least spread of a coordinate
+LARGEST = {"width": 8192, "rounds": 64, "head_width": 8192}  # largest sizes that a card may have
+_LEAST_SPREAD = 1e-3  # of a coordinate
 
 
 class TeamModel(AbstractModel):
-    """Demonstrations by the task's expert; L_MAC."""
+    """Demonstrations by the task's expert, a message-passing field, and the loss L_MAC."""
 
     chunk = 256
     loss_text = "L_MAC, tau ~ Unif[0, 1], z(0) ~ N(0, I)"
 
     def __init__(self, task: "AbstractTeamTask") -> None:
-        """Args: task: whose model it is."""
+        """Args: task: the task of the model."""
         self._task = task
         self.task, self.noun, self.sizes = task.name, f"{task.noun}s", task.sizes
 
     def demonstrate(
         self, size: int, first: int, count: int, recipe: Recipe, seed: int
     ) -> Sequence[Mapping[str, Any]]:
-        """Random conditions, and what the task's expert makes of them."""
+        """Random conditions with the states that the task's expert draws for them."""
         rows = []
         for number in range(first, first + count):
             rng = np.random.default_rng([seed, size, number])
@@ -51,14 +51,14 @@ class TeamModel(AbstractModel):
         return rows
 
     def describe(self, folder: Path) -> Sequence[str]:
-        """Nothing."""
+        """No lines."""
         return ()
 
     def load_data(self, training: Path, validation: Path) -> TrainingData:
-        """Encoded states, and their spread in the training set."""
+        """Encodes the states and computes their spread in the training set."""
         data, held_out = self._dataset(training), self._dataset(validation)
         z, mask = np.asarray(data.z), np.asarray(data.mask)
-        spread = np.maximum(z[mask].std(axis=0), _FEW).astype(float).tolist()
+        spread = np.maximum(z[mask].std(axis=0), _LEAST_SPREAD).astype(float).tolist()
         return TrainingData(data, held_out, statistics=tuple(spread), card={"spread": spread})
 
     def _dataset(self, path: Path) -> Dataset:
@@ -81,22 +81,22 @@ class TeamModel(AbstractModel):
         size = self._task.sizes[1]
         condition = self._task.random_condition(size, np.random.default_rng(0))
         arrays = self._task.arrays(condition, size)
-        seen = jax.eval_shape(self._task.features, jnp.zeros((size, self._task.dim)), arrays)
+        features = jax.eval_shape(self._task.features, jnp.zeros((size, self._task.dim)), arrays)
         return MessagePassingField(
             self._task.features,
-            node_size=seen.node.shape[-1],
-            pair_size=seen.pair.shape[-1],
+            node_size=features.node.shape[-1],
+            pair_size=features.pair.shape[-1],
             spread=spread,
             key=key,
             **architecture,
         )
 
     def load(self, path: StrPath | None = None) -> MessagePassingField:
-        """The field of a weights file and its card; `InputError` if they are not of this task."""
+        """The field of a weights file and its card; raises `InputError` if they are of another task."""
         path = self._task.weights if path is None else Path(path)
         if path is None:
             raise InputError(
-                f"{self.task} has no weights of its own; give --weights FILE, as `train` wrote it"
+                f"{self.task} has no default weights; give --weights FILE, a file that `train` wrote"
             )
         return load_by_card(path, self._skeleton)
 
@@ -105,7 +105,8 @@ class TeamModel(AbstractModel):
             raise InputError(f"must be {self.task!r}; got {card.get('task')!r}", field="task")
         sizes, listed = expect_sizes(card, LARGEST), expect_list(card.get("spread"), "spread")
         spread = tuple(
-            expect_number(each, f"spread[{k}]", _FEW / 2, 1e6, "") for k, each in enumerate(listed)
+            expect_number(each, f"spread[{k}]", _LEAST_SPREAD / 2, 1e6, "")
+            for k, each in enumerate(listed)
         )
         if len(spread) != self._task.dim:
             raise InputError(

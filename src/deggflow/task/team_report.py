@@ -1,4 +1,4 @@
-"""What `evaluate` measures of a team task: nominal beside guided, every claim against the task's oracle."""
+"""`evaluate` of a team task: success of nominal and guided samples, with every claim checked by the task's oracle."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TeamOptions(EvaluateOptions):
-    """What is measured.
+    """What to measure.
 
     Attributes:
         cases: Random cases of each size.
@@ -32,7 +32,7 @@ class TeamOptions(EvaluateOptions):
 
 @dataclass(frozen=True)
 class TeamEvaluation(Row):
-    """One size: counts out of `cases`.
+    """Counts out of `cases` for one size.
 
     Attributes:
         size: Number of agents.
@@ -40,8 +40,8 @@ class TeamEvaluation(Row):
         nominal: Nominal samples that satisfy every requirement.
         first_draw: Guided samples that do so at their first draw.
         satisfied: Guided samples that do so within the limit of draws.
-        most_draws: Of any guided sample.
-        least_margin: Of the guided samples that are claimed to be satisfied, by the oracle; None if there are none.
+        most_draws: Largest number of draws of a guided sample.
+        least_margin: Least margin, by the oracle, of guided samples with a claim of success; None without such claims.
         refuted: Claims that the oracle finds false.
     """
 
@@ -55,19 +55,19 @@ class TeamEvaluation(Row):
     refuted: int
 
     def rate(self, count: int) -> Rate:
-        """A count as a share of the cases."""
+        """A count as a proportion of the cases."""
         return Rate(count, self.cases)
 
 
 class TeamSuccess(AbstractEvaluation[TeamEvaluation]):
-    """Nominal beside guided for each size."""
+    """Success of nominal and guided samples for each size."""
 
     row = TeamEvaluation
 
     def __init__(
         self, task: "AbstractTeamTask", field: Field, options: TeamOptions, weights: str | None
     ) -> None:
-        """Args: as of `AbstractTask.evaluation`."""
+        """Args: as for `AbstractTask.evaluation`."""
         self._task, self._field, self._options = task, field, options
         self.settings: Mapping[str, Any] = {
             **options.settings(task.name, weights),
@@ -81,35 +81,35 @@ class TeamSuccess(AbstractEvaluation[TeamEvaluation]):
 
     def _samples(self, size: int, *, guided: bool) -> list[TeamSample]:
         options = self._options
-        given = GenerateOptions(seed=options.seed, guidance="degg" if guided else "none")
-        conditions = self._task.random_conditions(size, options.cases, 0, given)
+        generation = GenerateOptions(seed=options.seed, guidance="degg" if guided else "none")
+        conditions = self._task.random_conditions(size, options.cases, 0, generation)
         run = RunSettings(options.seed, max_draws=options.max_draws if guided else 1)
-        (samples,) = self._task.generator(self._field, given).generate(
+        (samples,) = self._task.generator(self._field, generation).generate(
             conditions, run, on_status=lambda status: None
         )
         return samples
 
     def _measure(self, size: int) -> TeamEvaluation:
         nominal, guided = (self._samples(size, guided=guided) for guided in (False, True))
-        claimed = [sample for sample in guided if _satisfied(sample)]
-        margins = [self._task.least_margin(each.condition, each.states) for each in claimed]
+        claims = [sample for sample in guided if _satisfied(sample)]
+        margins = [self._task.least_margin(each.condition, each.states) for each in claims]
         return TeamEvaluation(
             size,
             self._options.cases,
             nominal=sum(map(_satisfied, nominal)),
-            first_draw=sum(_draws(each) == 1 for each in claimed),
-            satisfied=len(claimed),
+            first_draw=sum(_draws(each) == 1 for each in claims),
+            satisfied=len(claims),
             most_draws=max(map(_draws, guided)),
             least_margin=min(margins, default=None),
             refuted=sum(not margin >= -self._task.tolerance for margin in margins),
         )
 
     def tables(self, rows: Sequence[TeamEvaluation]) -> list[Table]:
-        """Success of each size."""
+        """A table of success by size."""
         options = self._options
         return [
             Table(
-                f"{self._task.name.capitalize()}: success, {options.cases} cases a row, seed {options.seed}, "
+                f"{self._task.name.capitalize()}: success, {options.cases} cases per row, seed {options.seed}, "
                 "95% Wilson intervals",
                 (
                     "N", "nominal", "guided, first draw", f"guided, <= {options.max_draws} draws",
@@ -127,7 +127,7 @@ class TeamSuccess(AbstractEvaluation[TeamEvaluation]):
                     )
                     for row in rows
                 ],
-                "The same conditions and z(0) in both columns; refuted: claims of success that the oracle found false.",
+                "Nominal and guided samples have the same conditions and z(0). refuted: claims of success that the oracle found false.",
             )
         ]  # fmt: skip
 

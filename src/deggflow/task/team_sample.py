@@ -1,4 +1,4 @@
-"""A finished team and its line in a file; a demonstration is the same without a certificate."""
+"""A team's sample and its line in a file; a demonstration is a sample without a certificate."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -19,10 +19,10 @@ MAX_COORDINATE = 1e6  # in the task's units
 
 @dataclass(frozen=True)
 class TeamCondition:
-    """What a sample is conditioned on; a task derives its own from it, fields being JSON values."""
+    """The condition of a sample; a task derives its own dataclass from it, with JSON values as fields."""
 
     def to_json(self) -> Mapping[str, Any]:
-        """As it stands in a file."""
+        """The JSON object for a file."""
         return asdict(self)
 
 
@@ -31,10 +31,10 @@ class TeamSample:
     """States of a team.
 
     Attributes:
-        condition: What they were generated or demonstrated for.
-        states: Of every agent, in the task's units, shape (agents, dim).
-        seed: Of the run.
-        certificate: None for a demonstration.
+        condition: The condition that they were generated or demonstrated for.
+        states: States of all agents in the task's units, shape (agents, dim).
+        seed: Seed of the run.
+        certificate: The certificate; None for a demonstration.
     """
 
     condition: TeamCondition
@@ -43,12 +43,14 @@ class TeamSample:
     certificate: Certificate | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """As it stands in a file."""
-        made = {} if self.certificate is None else {"certificate": self.certificate.to_json()}
+        """The JSON object for a file."""
+        certificate = (
+            {} if self.certificate is None else {"certificate": self.certificate.to_json()}
+        )
         return {
             "condition": self.condition.to_json(),
             "agents": self.states.tolist(),
-            **made,
+            **certificate,
             "seed": self.seed,
         }
 
@@ -57,21 +59,21 @@ def parse_sample(value: Any, kind: type[TeamCondition], dim: int, *, certified: 
     """A sample from its JSON object.
 
     Args:
-        value: What `json.loads` gave.
-        kind: Dataclass of its condition.
-        dim: Numbers of each agent.
-        certified: Whether it has a certificate; demonstrations have none.
+        value: The output of `json.loads`.
+        kind: Dataclass of the condition.
+        dim: Dimension of each agent's state.
+        certified: Whether the sample has a certificate; demonstrations have none.
 
     Raises:
-        InputError: A field is not as it should be; names the field.
+        InputError: A field is invalid; names the field.
     """
     keys = ("condition", "agents", *(("certificate",) if certified else ()), "seed")
-    given = expect_object(value, "", keys, keys)
+    line = expect_object(value, "", keys, keys)
     return TeamSample(
-        parse_as(kind, given["condition"], "condition"),
-        _states(given["agents"], dim),
-        expect_integer(given["seed"], "seed", 0, MAX_SEED),
-        parse_certificate(given["certificate"], "certificate") if certified else None,
+        parse_as(kind, line["condition"], "condition"),
+        _states(line["agents"], dim),
+        expect_integer(line["seed"], "seed", 0, MAX_SEED),
+        parse_certificate(line["certificate"], "certificate") if certified else None,
     )
 
 

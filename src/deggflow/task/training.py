@@ -1,4 +1,4 @@
-"""A task's training run: demonstrations in, weights with their card out."""
+"""A task's training run: reads demonstrations, writes weights with their card."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
@@ -28,54 +28,56 @@ def train_field(
     *,
     commands: Remake | None = None,
 ) -> eqx.Module:
-    """Trains, completes a killed run or extends a finished one; writes `field.safetensors` and its card `field.json`.
+    """Trains a field, resumes a killed run or extends a finished one; writes `field.safetensors` and `field.json`.
 
     Args:
-        model: Of the task.
+        model: Model of the task.
         data: Folder with `training.jsonl` and `validation.jsonl`.
-        out: Folder of the run, as `deggflow.train.train` keeps it.
-        config: Settings; more steps than a finished run has extend it.
-        architecture: Sizes of the field by name, where the task lets them be chosen.
+        out: Folder of the run, as for `deggflow.train.train`.
+        config: Settings; more steps than those of a finished run extend it.
+        architecture: Sizes of the field by name, if the task has any.
         on_progress: Called at each point of the curves.
-        commands: What the card says of how to train these weights again; nothing if None.
+        commands: Makes the commands that train these weights again, for the card; None omits them.
 
     Raises:
-        InputError: The data are not as they should be, or `out` holds a run on other data or of another field, or one
-            that another process trains.
+        InputError: The data are invalid, `out` holds a run on other data or of another field, or another process is
+            training it.
     """
     data, out = Path(data), Path(out)
-    recipe = _recipe(model, data)  # before hours of training: it may be damaged
+    recipe = _recipe(model, data)  # read before hours of training, as it may be damaged
     sizes = dict(architecture)
-    prepared = model.load_data(data / "training.jsonl", data / "validation.jsonl")
-    if prepared.training.mask.shape[1] != prepared.validation.mask.shape[1]:
+    dataset = model.load_data(data / "training.jsonl", data / "validation.jsonl")
+    if dataset.training.mask.shape[1] != dataset.validation.mask.shape[1]:
         raise InputError(f"training and validation {model.noun} differ in size", file=data)
-    field = model.build(jax.random.key(config.seed), prepared, sizes)
-    trained, curves = train(
+    field = model.build(jax.random.key(config.seed), dataset, sizes)
+    trained_field, curves = train(
         field,
-        prepared.training,
-        prepared.validation,
+        dataset.training,
+        dataset.validation,
         config,
         out,
-        # Refused by these names, not by those of arrays.
+        # A run with another architecture is refused by the names of sizes, not of arrays.
         identity={"architecture": sizes} if sizes else None,
-        loss=prepared.loss,
-        augment=prepared.augment,
+        loss=dataset.loss,
+        augment=dataset.augment,
         on_progress=on_progress,
     )
     segments = run_segments(out)
     card = {
         "task": model.task,
         **({"architecture": sizes} if sizes else {}),
-        "parameters": sum(leaf.size for leaf in jax.tree.leaves(eqx.filter(trained, eqx.is_array))),
-        "data": {**recipe, **prepared.remarks},
+        "parameters": sum(
+            leaf.size for leaf in jax.tree.leaves(eqx.filter(trained_field, eqx.is_array))
+        ),
+        "data": {**recipe, **dataset.remarks},
         "training": asdict(config) | ({"segments": segments} if segments[1:] else {}),
         **_commands(commands, recipe, config, segments),
         "loss": model.loss_text,
         "figures": {"training_loss": curves[-1].training, "validation_loss": curves[-1].validation},
-        **prepared.card,
+        **dataset.card,
     }
-    save_weights(out / "field.safetensors", trained, card)
-    return trained
+    save_weights(out / "field.safetensors", trained_field, card)
+    return trained_field
 
 
 def _recipe(model: AbstractModel, data: Path) -> dict[str, Any]:

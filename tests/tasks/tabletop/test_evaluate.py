@@ -69,7 +69,7 @@ def test_refused_draws_stand_in_a_file_one_a_line(field, tmp_path, capsys):
     assert not run()
     told = capsys.readouterr().out
     assert "75.0%" in told  # satisfied
-    assert "On the way of the first draws" in told
+    assert "generation of the first draws" in told
     lines = failures.read_text().splitlines()
     rows = [json.loads(line) for line in lines]
     assert {2} <= {row["number"] for row in rows}

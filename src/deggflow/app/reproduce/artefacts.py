@@ -17,31 +17,44 @@ _FILE_NAME = re.compile(r"[a-z0-9_]+")
 
 
 class WrittenPlot(NamedTuple):
-    """A figure in its files."""
+    """A figure that was written to files.
+
+    Attributes:
+        name: Name of its files.
+        caption: Its caption.
+        png: The picture as PNG.
+        width: Width of the figure, inches.
+        links: Its files, relative to the report.
+    """
 
     name: str
     caption: str
     png: bytes
-    width: float  # inches
-    links: tuple[str, ...]  # of its files, as seen from the report
+    width: float
+    links: tuple[str, ...]
 
 
 class WrittenTable(NamedTuple):
-    """A table in its files."""
+    """A table that was written to files.
+
+    Attributes:
+        table: The table.
+        links: Its files, relative to the report.
+    """
 
     table: DataTable
     links: tuple[str, ...]
 
 
 class Artefacts(NamedTuple):
-    """What stands beside a section's text."""
+    """The tables and figures of a section."""
 
     tables: list[WrittenTable]
     plots: list[WrittenPlot]
 
 
 def table_csv(table: DataTable) -> str:
-    """The table as comma-separated values; numbers in full, an empty cell where there is nothing."""
+    """The table as comma-separated values: numbers in full, None as an empty cell."""
     text = StringIO()
     lines = csv.writer(text, lineterminator="\n")
     lines.writerow(table.columns)
@@ -61,13 +74,13 @@ def table_json(table: DataTable) -> str:
 
 
 def check_names(sections: Sequence[Section]) -> None:
-    """Refuses names that can't be files' names, or stand twice, and tables that aren't rectangular."""
+    """Refuses duplicate names, names that are not valid file names, and tables that are not rectangular."""
     for kind in ("tables", "plots"):
         names = [each.name for section in sections for each in getattr(section, kind)]
         for name in names:
             if not _FILE_NAME.fullmatch(name) or names.count(name) > 1:
                 raise ValueError(
-                    f"`name` of {kind} must be of a-z, 0-9 and _, once each; got {name!r}."
+                    f"`name` of {kind} must be unique and consist of a-z, 0-9 and _; got {name!r}."
                 )
     for table in (table for section in sections for table in section.tables):
         if any(len(row) != len(table.columns) for row in table.rows):
@@ -96,5 +109,5 @@ def _write_plot(plot: Plot, out: Path) -> WrittenPlot:
     for link, content in zip(links, (png, pdf), strict=True):
         write_atomically(out / link, content)
     width = float(plot.figure.get_size_inches()[0])
-    plot.figure.clear()  # pictures are large, and nobody draws it again
+    plot.figure.clear()  # frees its memory; the figure is not drawn again
     return WrittenPlot(plot.name, plot.caption, png, width, links)

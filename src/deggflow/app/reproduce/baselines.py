@@ -1,4 +1,4 @@
-"""Ways to guide, side by side: at the settings found for them, and swept over their own hyperparameters."""
+"""Guidance methods compared: at their tuned settings, and swept over their hyperparameters."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -14,11 +14,11 @@ from .experiment import DataTable, Experiment, Finding, Plot, Progress, Section,
 from .rows import kept_rows
 from .run import code_digest
 
-FAR = 0.7  # W2 beyond which a setting is in the table alone
-TUNING = 1_000  # added to the seed: settings are chosen on other cases than those of the tables
+FAR = 0.7  # W2 beyond which a setting is only in the table, not in the figure
+TUNING = 1_000  # added to the seed: settings are tuned on other cases than those of the tables
 SIZES, QUICK_SIZES = (4, 5, 6, 7, 8, 12), (8,)
 SWEPT, QUICK_SWEPT = (8, 12), (8,)
-QUICK_WAYS = (
+QUICK_METHODS = (
     "pooled",
     "joint barrier QP",
     "penalty gradient",
@@ -39,49 +39,51 @@ LOOKS = {
 }
 _NAMES = {method.name: method for method in METHODS}
 _EXPLAINED = (
-    "Every way runs on the same field, from the same z(0), under the same randomly changed requirements, and is judged by "
-    "the same exact geometry; 100 steps each (predict, then correct: 50 and 50), on the grid refined toward the end. "
-    "Rejection sampling alone draws more than once."
+    "Every method runs on the same field, from the same z(0), under the same randomly changed requirements, and is judged by "
+    "the same exact geometry. Each takes 100 steps (predict, then correct: 50 and 50) on the grid refined toward the end. "
+    "Only rejection sampling draws more than once."
 )
 
 
 class Baselines:
-    """All ways at the settings found for them, over the number of objects."""
+    """All methods at their tuned settings, over the number of objects."""
 
     name = "baselines"
 
     def measure(self, settings: Settings, say: Progress) -> Mapping[str, Any]:
-        """First draws of every way at every size."""
+        """First draws of every method at every size."""
         sizes = QUICK_SIZES if settings.quick else SIZES
-        grid = [(size, way, way.chosen(size)) for size in sizes for way in _ways(settings)]
-        return _measured(self.name, settings, settings.seed, settings.cases(256, 16), grid, say)
+        grid = [
+            (size, method, method.chosen(size)) for size in sizes for method in _methods(settings)
+        ]
+        return _measure(self.name, settings, settings.seed, settings.cases(256, 16), grid, say)
 
     def present(self, result: Mapping[str, Any], settings: Settings) -> Section:
-        """One table, and what is best at each size in words."""
+        """One table, and the best method at each size in words."""
         points = [parse_as(Point, row) for row in result["rows"]]
         nominal = {p.size: p.seconds / p.draws for p in points if p.method == "rejection sampling"}
         table = DataTable(
             "baselines",
-            f"Ways to guide, {result['cases']} cases of each N, seed {result['seed']}, 95% Wilson intervals. Worst: greatest "
-            "violation of a margin, cases that diverged (not finite, or far off the table) left out. W2: to the nominal samples "
+            f"Guidance methods, {result['cases']} cases of each N, seed {result['seed']}, 95% Wilson intervals. Worst: greatest "
+            "violation of a margin, without cases that diverged (not finite, or far off the table). W2: to the nominal samples "
             "by optimal assignment of all cases, in z, per object. Time: per scene in batches of "
             f"{CHUNK}, compiled, over that of one nominal scene in the same run.",
-            ("N", "way", "setting", "success", "worst, mm", "diverged", "W2", "time / nominal", "draws", "must know"),
+            ("N", "method", "setting", "success", "worst, mm", "diverged", "W2", "time / nominal", "draws", "information required"),
             [_line(point, nominal[point.size]) for point in points],
         )  # fmt: skip
-        where = DataTable(
+        sources = DataTable(
             "baselines_sources",
-            "Where each way comes from, and the settings that were tried.",
-            ("way", "source", "settings tried"),
+            "Source of each method, and the settings that were tried.",
+            ("method", "source", "settings tried"),
             [[m.name, m.source, "; ".join(map(in_words, m.grid))] for m in METHODS],
         )
         biggest = max(point.size for point in points)
         ours, others = _sides(points, biggest)
         return Section(
-            title="Task 2: ways to guide, side by side",
-            paper="No table of the paper: it compares with the nominal field alone.",
+            title="Task 2: comparison of guidance methods",
+            paper="No such table: the paper compares with the nominal field only.",
             text=(_EXPLAINED, *(_best_in_words(points, size) for size in sorted(nominal))),
-            tables=(table, where),
+            tables=(table, sources),
             command="deggflow tabletop baselines --chosen --cases "
             f"{result['cases']} --seed {result['seed']} --sizes {' '.join(map(str, sorted(nominal)))}",
             summary=(
@@ -95,21 +97,21 @@ class Baselines:
 
 
 class BaselinesFrontier:
-    """Every way swept over its own hyperparameters: success against deviation."""
+    """Every method swept over its hyperparameters: success against deviation."""
 
     name = "baselines_frontier"
 
     def measure(self, settings: Settings, say: Progress) -> Mapping[str, Any]:
-        """First draws at every setting, on cases of their own."""
+        """First draws at every setting, on cases that no table uses."""
         sizes = QUICK_SWEPT if settings.quick else SWEPT
         grid = [
-            (size, way, hyperparameters)
+            (size, method, hyperparameters)
             for size in sizes
-            for way in _ways(settings)
-            for hyperparameters in _settings(way, settings)
+            for method in _methods(settings)
+            for hyperparameters in _settings(method, settings)
         ]
         seed, count = settings.seed + TUNING, settings.cases(128, 16)
-        return _measured(self.name, settings, seed, count, grid, say)
+        return _measure(self.name, settings, seed, count, grid, say)
 
     def present(self, result: Mapping[str, Any], settings: Settings) -> Section:
         """The frontier as a figure and all its points as a table."""
@@ -118,9 +120,9 @@ class BaselinesFrontier:
         stars = [best(group) for group in _groups(points).values()]
         table = DataTable(
             "baselines_frontier",
-            f"Every setting of every way, {result['cases']} cases of each N, seed {result['seed']}, 95% Wilson intervals. Best: "
-            "the most successes, then the least W2. In tables: the setting that the table of ways uses.",
-            ("N", "way", "setting", "success", "worst, mm", "diverged", "W2", "best", "in tables"),
+            f"Every setting of every method, {result['cases']} cases of each N, seed {result['seed']}, 95% Wilson intervals. Best: "
+            "the most successes, then the least W2. In tables: the setting that the table of methods uses.",
+            ("N", "method", "setting", "success", "worst, mm", "diverged", "W2", "best", "in tables"),
             [
                 [
                     p.size, p.method, in_words(p.hyperparameters), str(p.rate()), _millimetres(p.worst), p.diverged, _two(p.transport),
@@ -132,19 +134,19 @@ class BaselinesFrontier:
         panels = [(f"$N = {size}$", _series(points, size)) for size in sizes]
         plot = Plot(
             "baselines_frontier",
-            "Share of failed first draws over the Wasserstein distance from nominal, each way swept over its own hyperparameters; filled: "
-            "the setting in tables; thin lines: 95% Wilson intervals. Lower left is better. Settings that draw more than once, "
-            f"or with W2 > {FAR:g}, are in the table alone.",
+            "Proportion of failed first draws over the Wasserstein distance from nominal, each method swept over its hyperparameters. "
+            "Filled: the setting in tables. Thin lines: 95% Wilson intervals. Lower left is better. Settings that draw more than "
+            f"once, or with W2 > {FAR:g}, are only in the table.",
             frontier(panels, unit="$z$, per object"),
         )
         return Section(
             title="Task 2: success against deviation",
-            paper="No figure of the paper.",
+            paper="No such figure.",
             text=(
                 _EXPLAINED,
-                "What counts is the pair of success and deviation, and how much must be tuned to get it. The settings in the table "
-                "of ways were found by this sweep at the default seed, on other cases than the table's: at N = 8 for up to 8 objects, "
-                "at N = 12 for more.",
+                "A method should be judged by success and deviation together, and by the tuning that they take. The settings in the table "
+                "of methods were found by this sweep at the default seed, on other cases than the table's: at N = 8 for up to 8 "
+                "objects, at N = 12 for more.",
             ),
             tables=(table,),
             plots=(plot,),
@@ -152,7 +154,7 @@ class BaselinesFrontier:
             f"--sizes {' '.join(map(str, sizes))}",
             summary=(
                 Finding(
-                    f"Task 2, N = {sizes[-1]}: most first draws at the least W2, any setting",
+                    f"Task 2, N = {sizes[-1]}: most successful first draws, then least W2, over all settings",
                     "-",
                     "; ".join(
                         f"{star.method}, {_pair(star)}" for star in _leaders(stars, sizes[-1])
@@ -163,13 +165,15 @@ class BaselinesFrontier:
 
 
 def _leaders(stars: Sequence[Point], size: int) -> list[Point]:
-    """The best of ours and the best baseline that draws but once."""
-    there = [star for star in stars if star.size == size and star.draws == 1]
-    sides = [[star for star in there if _NAMES[star.method].ours is ours] for ours in (True, False)]
+    """The best of our methods and the best baseline that draws only once."""
+    single = [star for star in stars if star.size == size and star.draws == 1]
+    sides = [
+        [star for star in single if _NAMES[star.method].ours is ours] for ours in (True, False)
+    ]
     return [best(side) for side in sides if side]
 
 
-def _measured(
+def _measure(
     name: str,
     settings: Settings,
     seed: int,
@@ -177,7 +181,7 @@ def _measured(
     grid: Sequence[tuple[int, Method, Hyperparameters]],
     say: Progress,
 ) -> dict[str, Any]:
-    wanted = {
+    identity = {
         "cases": count,
         "seed": seed,
         "code": code_digest(),
@@ -186,19 +190,19 @@ def _measured(
         ],
     }
     todo = jobs(load_field(), grid, count, seed, say)
-    rows = kept_rows(settings, name, wanted, todo, Point)
+    rows = kept_rows(settings, name, identity, todo, Point)
     return {"cases": count, "seed": seed, "rows": [row.to_json() for row in rows]}
 
 
-def _ways(settings: Settings) -> list[Method]:
-    return [each for each in METHODS if not settings.quick or each.name in QUICK_WAYS]
+def _methods(settings: Settings) -> list[Method]:
+    return [each for each in METHODS if not settings.quick or each.name in QUICK_METHODS]
 
 
-def _settings(way: Method, settings: Settings) -> tuple[Hyperparameters, ...]:
-    """What is swept; in quick a third of the grid, and of ours what ships."""
+def _settings(method: Method, settings: Settings) -> tuple[Hyperparameters, ...]:
+    """The settings to sweep; a quick run takes a third of a baseline's grid, and our default."""
     if not settings.quick:
-        return way.grid
-    return (way.default,) if way.ours else way.grid[::3]
+        return method.grid
+    return (method.default,) if method.ours else method.grid[::3]
 
 
 def _millimetres(metres: float) -> float:
@@ -236,10 +240,10 @@ def _groups(points: Sequence[Point]) -> dict[tuple[int, str], list[Point]]:
 
 
 def _sides(points: Sequence[Point], size: int) -> tuple[Point, Point]:
-    """Pooled guidance and the best baseline that draws but once."""
-    there = [point for point in points if point.size == size]
-    ours = next(point for point in there if point.method == "pooled")
-    single = [p for p in there if not _NAMES[p.method].ours and p.method != "rejection sampling"]
+    """Pooled guidance and the best baseline that draws only once."""
+    of_size = [point for point in points if point.size == size]
+    ours = next(point for point in of_size if point.method == "pooled")
+    single = [p for p in of_size if not _NAMES[p.method].ours and p.method != "rejection sampling"]
     return ours, best(single)
 
 
@@ -249,7 +253,7 @@ def _pair(point: Point) -> str:
 
 def _best_in_words(points: Sequence[Point], size: int) -> str:
     ours, other = _sides(points, size)
-    words = f"N = {size}: pooled guidance, nothing tuned, {_pair(ours)}; the best baseline is {other.method}, {_pair(other)}."
+    words = f"N = {size}: pooled guidance without tuning, {_pair(ours)}; the best baseline is {other.method}, {_pair(other)}."
     better = [
         each.method
         for each in points
@@ -262,25 +266,29 @@ def _best_in_words(points: Sequence[Point], size: int) -> str:
         and each.draws == 1
     ]
     if better:
-        words += f" As successful as it or more, and closer to nominal: {', '.join(better)}."
+        words += f" At least as successful and closer to nominal: {', '.join(better)}."
     return words
 
 
 def _series(points: Sequence[Point], size: int) -> list[FrontierSeries]:
     out = []
     for (of_size, name), group in _groups(points).items():
-        shown = [
+        visible = [
             p for p in group if p.transport is not None and p.transport <= FAR and p.draws == 1
         ]
-        if of_size != size or not shown:
+        if of_size != size or not visible:
             continue
         colour, marker = LOOKS[name]
-        found = [FrontierPoint(p.rate(), p.transport or 0.0, _chosen(p)) for p in shown]
-        out.append(FrontierSeries(name, colour, marker, found, joined=_one_knob(_NAMES[name])))
+        frontier_points = [FrontierPoint(p.rate(), p.transport or 0.0, _chosen(p)) for p in visible]
+        out.append(
+            FrontierSeries(
+                name, colour, marker, frontier_points, joined=_one_hyperparameter(_NAMES[name])
+            )
+        )
     return out
 
 
-def _one_knob(method: Method) -> bool:
+def _one_hyperparameter(method: Method) -> bool:
     return len(method.default) == 1
 
 

@@ -1,4 +1,4 @@
-"""A complete process of five guided robots, and q_task under its bound meanwhile."""
+"""A complete process of five guided robots, with q_task and its bound during generation."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 SIZE = 5  # robots, fig:task1_rollout
 WHEN = ("early", "middle", "late")
-MOST = 100  # trials looked at
+MOST = 100  # trials searched
 
 _TITLES = ("Initial configuration", "The bridge is built", "Crossing the gap")
 
@@ -50,9 +50,11 @@ class BridgeProcess:
         )
         example = result["example"]
         if example is None:
-            return Section(title, paper, (f"None of {result['scanned']} trials became one.",))
+            return Section(
+                title, paper, (f"None of {result['scanned']} trials became a complete process.",)
+            )
         rows, line = example["policies"], example["number"] + 1
-        made = f"--size {result['size']} --count {line} --seed {result['seed']}"
+        options = f"--size {result['size']} --count {line} --seed {result['seed']}"
         most = max(float(_excess(row).max()) for row in rows)
         return Section(
             title,
@@ -60,7 +62,7 @@ class BridgeProcess:
             (_trial_text(result), _course_text(rows)),
             (_table(rows),),
             _plots(result["size"], example),
-            f"deggflow bridge generate {made} --out trials.jsonl\n"
+            f"deggflow bridge generate {options} --out trials.jsonl\n"
             f"deggflow bridge render trials.jsonl --lines {line} --process --curves",
             (
                 Finding(
@@ -73,29 +75,34 @@ class BridgeProcess:
 
 
 def measure_process(field: BridgeField, size: int, seed: int, say: Progress) -> dict[str, Any]:
-    """The same for so many robots."""
+    """`BridgeProcess.measure` for any number of robots."""
     generator = BridgeGenerator(field, bridge_guidance(field.scales))
     unmet = []
     for number in range(MOST):
         say(f"N = {size}, trial {number + 1}: robots drive, build, cross")
         (condition,) = random_conditions(size, 1, seed, number)
-        found = generator.replay(condition, seed=seed, number=number)
-        if found.trial.reason is not None:
-            unmet.append(f"N = {size}, trial {number + 1}: {found.trial.reason}")
-        process = complete_process(found.trial, number)
+        replay = generator.replay(condition, seed=seed, number=number)
+        if replay.trial.reason is not None:
+            unmet.append(f"N = {size}, trial {number + 1}: {replay.trial.reason}")
+        process = complete_process(replay.trial, number)
         if process is not None:
             break
-    example = None if process is None else _example(generator, found, number, process)
-    told = {"size": size, "seed": seed, "scanned": number + 1}
-    return {**told, "example": example, UNMET: unmet}
+    example = None if process is None else _example(generator, replay, number, process)
+    return {
+        "size": size,
+        "seed": seed,
+        "scanned": number + 1,
+        "example": example,
+        UNMET: unmet,
+    }
 
 
 def complete_process(trial: Trial, number: int) -> Process | None:
-    """Driving to the plank, building and crossing; None if any of it fails.
+    """Driving to the plank, building and crossing; None if one of them fails.
 
     Args:
         trial: The trial.
-        number: Its number in the run; robots start and end where `deggflow bridge render` draws them.
+        number: Its number in the run, which decides where robots start and end, as in `deggflow bridge render`.
     """
     around = surroundings(trial.condition, trial.seed, number + 1)
     if trial.reason is not None or around.lacking is not None:
@@ -106,12 +113,12 @@ def complete_process(trial: Trial, number: int) -> Process | None:
 
 
 def _example(
-    generator: BridgeGenerator, found: Replay, number: int, process: Process
+    generator: BridgeGenerator, replay: Replay, number: int, process: Process
 ) -> dict[str, Any]:
-    last, ticks = len(found.conditions) - 1, telling_ticks(process)
+    last, ticks = len(replay.conditions) - 1, telling_ticks(process)
     return {
         "number": number,
-        "trial": found.trial.to_json(),
+        "trial": replay.trial.to_json(),
         "moments": {
             "stages": [process.stage[tick] for tick in ticks],
             "seconds": [tick * TICK for tick in ticks],
@@ -120,19 +127,19 @@ def _example(
             "robot_goals": process.robot_goals.tolist(),
         },
         "policies": [
-            _policy(generator, found, number, policy, when)
+            _policy(generator, replay, number, policy, when)
             for policy, when in zip((0, last // 2, last), WHEN, strict=True)
         ],
     }
 
 
 def _policy(
-    generator: BridgeGenerator, found: Replay, number: int, policy: int, when: str
+    generator: BridgeGenerator, replay: Replay, number: int, policy: int, when: str
 ) -> dict[str, Any]:
     """The generation of one executed policy."""
-    draws = found.trial.certificate.policies[policy].draws
-    noise = initial_noise(found.trial.seed, np.array([number]), policy, draws - 1)[0]
-    course = guided_course(generator.of_draw(draws), noise, found.conditions[policy])
+    draws = replay.trial.certificate.policies[policy].draws
+    noise = initial_noise(replay.trial.seed, np.array([number]), policy, draws - 1)[0]
+    course = guided_course(generator.of_draw(draws), noise, replay.conditions[policy])
     at = {"when": when, "policy": policy + 1, "seconds": policy * EXECUTED * DT, "draws": draws}
     return {**at, **course.to_json()}
 
@@ -141,25 +148,25 @@ def _trial_text(result: Mapping[str, Any]) -> str:
     example = result["example"]
     trial = example["trial"]
     return (
-        f"Trial {example['number'] + 1} of seed {result['seed']}: the first in which guided robots build the bridge and find "
-        f"their ways to the plank and over it ({result['scanned']} looked at). They build it in "
-        f"{len(trial['twists']) * DT:.1f} s, by {len(trial['certificate']['policies'])} policies."
+        f"Trial {example['number'] + 1} of seed {result['seed']}: the first in which guided robots reach the plank, build the bridge "
+        f"and cross it ({result['scanned']} searched). They build it in {len(trial['twists']) * DT:.1f} s with "
+        f"{len(trial['certificate']['policies'])} policies."
     )
 
 
 def _course_text(rows: Sequence[Mapping[str, Any]]) -> str:
-    """What q_task does under its bound."""
+    """The behaviour of q_task under its bound."""
     most = max(float(_excess(row).max()) for row in rows)
     rising = [row["when"] for row in rows if row["q_task"][-1] > row["q_task"][0]]
     side = "above" if most > 0 else "below"
     text = (
-        f"q_task comes to within {abs(most):.2g} of its bound, {side} it. A policy has to end at least {PROGRESS:g} below "
+        f"q_task comes within {abs(most):.2g} of its bound, from {side}. A policy must end at least {PROGRESS:g} below "
         "the present q_task."
     )
     if rising:
         text += (
-            f" Where it rises ({', '.join(rising)}), the nominal field leads it there: guidance asks for q_task below its "
-            "bound, not for descent."
+            f" Where it rises ({', '.join(rising)}), the nominal field raises it: guidance keeps q_task below its bound and "
+            "does not enforce descent."
         )
     return text
 
@@ -171,7 +178,7 @@ def _excess(row: Mapping[str, Any]) -> np.ndarray:
 def _table(rows: Sequence[Mapping[str, Any]]) -> DataTable:
     return DataTable(
         "bridge_task_sampling",
-        "The three generations, not shifted.",
+        "The three generations, without the shift of the figure.",
         (
             "policy",
             "number",
@@ -204,8 +211,8 @@ def _plots(size: int, example: Mapping[str, Any]) -> tuple[Plot, Plot]:
     return (
         Plot(
             "bridge_process",
-            f"A complete process of {size} robots with SE guidance. Rings: where the robots have to go. Outline: the "
-            "goal of the plank.",
+            f"A complete process of {size} robots with SE guidance. Rings: the robots' goals. Outline: the goal "
+            "of the plank.",
             _pictures(example),
         ),
         Plot(
@@ -235,7 +242,7 @@ def _pictures(example: Mapping[str, Any]) -> "Figure":
 
 
 def task_figure(rows: Sequence[Mapping[str, Any]]) -> "Figure":
-    """q_task and beta_task of each generation, less beta_task(1)."""
+    """q_task and beta_task of each generation, minus beta_task(1)."""
     panels = [
         BoundPanel(
             f"{row['when'].capitalize()}: at {row['seconds']:.1f} s",

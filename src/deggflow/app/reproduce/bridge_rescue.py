@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SIZE = 7  # robots, fig:task1_rescue
-TOGETHER = 16  # nominal trials that are run at once
-KNOWN = {1: 87}  # by seed, number of the trial that a full run finds; a quick run begins there
+TOGETHER = 16  # nominal trials in one batch
+KNOWN = {1: 87}  # by seed: the trial that a full run finds, where a quick run begins
 _PLACES = {"guided": "State of the guided trial", "nominal": "State of the nominal trial"}
 
 
@@ -33,13 +33,13 @@ class BridgeRescue:
     name = "bridge_rescue"
 
     def measure(self, settings: Settings, say: Progress) -> Mapping[str, Any]:
-        """The first example of the seed; a quick run begins at the one that is known."""
-        known = KNOWN.get(settings.seed) if settings.quick else None
-        first, together = (0, TOGETHER) if known is None else (known, 1)
+        """The first example of the seed; a quick run begins at the known example."""
+        example = KNOWN.get(settings.seed) if settings.quick else None
+        first, together = (0, TOGETHER) if example is None else (example, 1)
         return measure_rescue(load_field(), SIZE, settings.seed, first, say, together=together)
 
     def present(self, result: Mapping[str, Any], settings: Settings) -> Section:
-        """Both trials' ends, and q_safe at the time of the nominal failure."""
+        """The ends of both trials, and q_safe at the time of the nominal failure."""
         title = "Task 1: a nominal failure and its rescue"
         paper = (
             "fig:task1_rescue and fig:task1_safe_sampling. N = 7: nominal policies drive the plank out of the workspace, "
@@ -50,7 +50,7 @@ class BridgeRescue:
         if example is None:
             return Section(title, paper, (_scan_text(result), "None of them is an example."))
         line = example["number"] + 1
-        made = f"--size {result['size']} --count {line} --seed {result['seed']}"
+        options = f"--size {result['size']} --count {line} --seed {result['seed']}"
         place = example["places"]["guided"]
         return Section(
             title,
@@ -58,7 +58,7 @@ class BridgeRescue:
             (_scan_text(result), _trial_text(example), _place_text(example)),
             (_table(example),),
             _plots(result["size"], example),
-            f"deggflow bridge generate {made} --out trials.jsonl\n"
+            f"deggflow bridge generate {options} --out trials.jsonl\n"
             f"deggflow bridge render trials.jsonl --lines {line} --nominal --curves",
             (
                 Finding(
@@ -75,11 +75,12 @@ def _scan_text(result: Mapping[str, Any]) -> str:
     begins = f" from number {first + 1} on" if first else ""
     kinds = "; ".join(f"{KIND_TITLES[kind]}: {count}" for kind, count in failures.items())
     return (
-        f"Random trials with N = {result['size']} of seed {result['seed']} are looked at in order{begins} for the first in "
-        "which nominal policies drive the plank out of the workspace, guided ones bridge the gap, and in the guided trial, "
-        f"too, a nominal policy would end with q_safe above 0 at that time. Looked at: {result['scanned']}. Nominal policies "
-        f"fail in {sum(failures.values())} of them ({kinds or 'never'}). Guided ones were run in the {result['guided']} in "
-        f"which nominal ones break something; they bridge the gap in {result['rescued']}."
+        f"Random trials with N = {result['size']} of seed {result['seed']} are searched in order{begins} for the first in "
+        "which nominal policies drive the plank out of the workspace, guided ones bridge the gap, and a nominal policy from "
+        "the guided trial's state at that time would also end with q_safe above 0. Trials searched: "
+        f"{result['scanned']}. Nominal policies fail in {sum(failures.values())} of them ({kinds or 'none'}). Guided policies "
+        f"were run in the {result['guided']} trials in which nominal ones violate safety; they bridge the gap in "
+        f"{result['rescued']}."
     )
 
 
@@ -87,7 +88,7 @@ def _trial_text(example: Mapping[str, Any]) -> str:
     after = {name: len(example[name]["twists"]) * DT for name in ("nominal", "guided")}
     spare = 1000 * example["guided"]["certificate"]["min_margin"]
     return (
-        f"Trial {example['number'] + 1}: with nominal policies {example['nominal']['outcome']['reason']} after "
+        f"Trial {example['number'] + 1}: with nominal policies, {example['nominal']['outcome']['reason']} after "
         f"{after['nominal']:.1f} s; guided ones bridge the gap in {after['guided']:.1f} s and stay {spare:.0f} mm from any "
         "failure."
     )
@@ -96,11 +97,11 @@ def _trial_text(example: Mapping[str, Any]) -> str:
 def _place_text(example: Mapping[str, Any]) -> str:
     own, other = example["places"]["guided"], example["places"]["nominal"]
     most = float(_excess(other).max())
-    meanwhile = f", after being up to {most:.2g} above its bound on the way," if most > 0 else ""
+    meanwhile = f", after exceeding its bound by up to {most:.2g}," if most > 0 else ""
     return (
         f"At {example['seconds']:.1f} s the guided trial's plank is {1000 * own['margin']:.0f} mm inside the workspace; from "
         f"there q_safe ends at {own['q_safe'][-1]:.3f} with guidance and at {own['q_safe_nominal'][-1]:.3f} without. The "
-        f"nominal trial's is {1000 * other['margin']:.0f} mm inside, where the factor asks for {1000 * PLANK_BUFFER:.0f} mm; "
+        f"nominal trial's is {1000 * other['margin']:.0f} mm inside, where the factor requires {1000 * PLANK_BUFFER:.0f} mm; "
         f"guided from there, q_safe{meanwhile} would still end at {other['q_safe'][-1]:.3f} instead of "
         f"{other['q_safe_nominal'][-1]:.3f}."
     )
@@ -111,10 +112,10 @@ def _excess(place: Mapping[str, Any]) -> np.ndarray:
 
 
 def _table(example: Mapping[str, Any]) -> DataTable:
-    found = []
+    rows = []
     for name, title in _PLACES.items():
         place = example["places"][name]
-        found.append(
+        rows.append(
             (
                 title,
                 1000 * place["margin"],
@@ -128,10 +129,10 @@ def _table(example: Mapping[str, Any]) -> DataTable:
         )
     return DataTable(
         "bridge_safe_sampling",
-        "Both generations from either state, from the same z(0).",
+        "Both generations from each of the two states, with the same z(0).",
         (
             "state",
-            "plank inside by (mm)",
+            "distance to workspace edge (mm)",
             "q_safe at tau = 0",
             "nominal q_safe at tau = 1",
             "guided q_safe at tau = 1",
@@ -139,7 +140,7 @@ def _table(example: Mapping[str, Any]) -> DataTable:
             "guided: largest q_safe - beta_safe",
             "hypotheses hold",
         ),
-        found,
+        rows,
     )
 
 
@@ -164,7 +165,7 @@ def _pictures(example: Mapping[str, Any]) -> "Figure":
     around = Surroundings(None, np.array(example["robot_goals"]), 0, None)
     trials = [parse_trial(example[name]) for name in ("nominal", "guided")]
     images = [
-        # From above it is plain which line is crossed.
+        # The view from above shows which line is crossed.
         picture(assemble(trial, around), -1, width=1200, height=620, camera="top")
         for trial in trials
     ]
@@ -176,7 +177,7 @@ def _pictures(example: Mapping[str, Any]) -> "Figure":
 
 
 def safe_figure(example: Mapping[str, Any]) -> "Figure":
-    """q_safe, guided and nominal, and beta_safe, in either state."""
+    """q_safe, guided and nominal, and beta_safe, for each of the two states."""
     panels = [
         BoundPanel(
             title,

@@ -1,4 +1,4 @@
-"""Trials that nominal policies fail and guided ones, from the same start and z(0), don't."""
+"""Search for trials in which nominal policies fail and guided ones, from the same start and z(0), succeed."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -23,12 +23,12 @@ from deggflow.tasks.bridge.world import DT, EXECUTED
 
 from .experiment import UNMET, Progress
 
-MOST = 512  # trials looked at
+MOST = 512  # trials searched
 BREAKS = ("plank_leaves", "support_lost", "robot_leaves", "robot_in_gap")  # the first is preferred
 
 
 class _Replays(NamedTuple):
-    """One trial, nominal and guided from the same start and z(0)."""
+    """One trial, nominal and guided, from the same start and z(0)."""
 
     number: int
     nominal: Replay
@@ -36,14 +36,14 @@ class _Replays(NamedTuple):
 
 
 class _Pair(NamedTuple):
-    """Both generators, with one field."""
+    """The nominal and the guided generator of one field."""
 
     nominal: BridgeGenerator
     guided: BridgeGenerator
     guidance: DecoupledGuidance
 
     def replays(self, trial: Trial, number: int) -> _Replays:
-        """A trial of either, by its number in the run."""
+        """The trial with both generators, by its number in the run."""
         nominal, guided = (
             each.replay(trial.condition, seed=trial.seed, number=number)
             for each in (self.nominal, self.guided)
@@ -61,16 +61,16 @@ def measure_rescue(
     together: int = 1,
     most: int = MOST,
 ) -> dict[str, Any]:
-    """An example among trials number `first` to `first + most - 1`, and what was looked at until it was found.
+    """An example among trials number `first` to `first + most - 1`, and statistics of the search.
 
-    It is the first in which nominal policies drive the plank out of the workspace, guided ones bridge the gap, and at
-    the time of the nominal failure guidance has to act in the guided trial, too. If there is none: the first in which
-    nominal policies break something and guided ones bridge the gap.
+    The example is the first trial in which nominal policies drive the plank out of the workspace, guided ones bridge the
+    gap, and guidance has to act in the guided trial, too, at the time of the nominal failure. If there is none, it is the
+    first trial in which nominal policies violate safety and guided ones bridge the gap.
     """
     guidance = bridge_guidance(field.scales)
     pair = _Pair(BridgeGenerator(field), BridgeGenerator(field, guidance), guidance)
     failures: Counter[str] = Counter()
-    guided: list[tuple[int, Trial]] = []  # numbers and trials
+    guided: list[tuple[int, Trial]] = []  # (number, trial)
     example: dict[str, Any] | None = None
     for number, trial in _nominal_trials(pair, size, seed, first, together, most, say):
         if trial.reason is None:
@@ -81,12 +81,12 @@ def measure_rescue(
             continue
         replays = pair.replays(trial, number)
         guided.append((number, replays.guided.trial))
-        found = _example(pair, replays)
-        example = example or found
-        if found is not None and is_telling(found):
-            example = found
+        candidate = _example(pair, replays)
+        example = example or candidate
+        if candidate is not None and is_telling(candidate):
+            example = candidate
             break
-    unmet = [f"N = {size}, trial {k + 1}: {made.reason}" for k, made in guided if made.reason]
+    unmet = [f"N = {size}, trial {k + 1}: {run.reason}" for k, run in guided if run.reason]
     return {
         "size": size,
         "seed": seed,
@@ -103,7 +103,7 @@ def measure_rescue(
 def _nominal_trials(
     pair: _Pair, size: int, seed: int, first: int, together: int, most: int, say: Progress
 ) -> Iterator[tuple[int, Trial]]:
-    """Numbers and trials."""
+    """Yields (number, trial)."""
     for start in range(first, first + most, together):
         many = f"s {start + 1} to {start + together}" if together > 1 else f" {start + 1}"
         say(f"N = {size}, nominal trial{many}")
@@ -112,9 +112,9 @@ def _nominal_trials(
 
 
 def _example(pair: _Pair, replays: _Replays) -> dict[str, Any] | None:
-    """Both trials, and both generations at the time of the nominal failure; None if it isn't an example."""
+    """Both trials, and both generations at the time of the nominal failure; None if the pair is no example."""
     number, nominal, guided = replays
-    policy = len(nominal.conditions) - 1  # executed when the nominal trial broke something
+    policy = len(nominal.conditions) - 1  # executed when the nominal trial failed
     if nominal.trial.success or not guided.trial.success or policy >= len(guided.conditions):
         return None
     failed = nominal.trial
@@ -154,7 +154,7 @@ def _place(
 
 
 def is_telling(example: Mapping[str, Any]) -> bool:
-    """The plank leaves the workspace, and in the guided trial, too, a nominal policy would be unsafe there."""
+    """Whether the plank leaves the workspace and a nominal policy would be unsafe in the guided trial, too."""
     place = example["places"]["guided"]
     return (
         example["kind"] == BREAKS[0]

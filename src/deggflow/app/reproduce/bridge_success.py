@@ -16,7 +16,7 @@ from .paper import CASES, TASK1_SUCCESS, overall
 
 PAPER_NOMINAL = {size: row.nominal for size, row in TASK1_SUCCESS.items()}
 PAPER_GUIDED = {size: row.guided for size, row in TASK1_SUCCESS.items()}
-TRAINED = (4, 5, 6)  # robots, of the paper's field and of ours
+TRAINED = (4, 5, 6)  # robots in the training data, the paper's and ours
 TRIALS, QUICK_TRIALS = 128, 3  # a row; 128 trials fill one compiled batch
 QUICK_SIZES = (4, 8)
 
@@ -42,13 +42,13 @@ class BridgeSuccess:
     name = "bridge_success"
 
     def measure(self, settings: Settings, say: Progress) -> Mapping[str, Any]:
-        """Trials of every size; both kinds start from the same initial conditions and z(0)."""
+        """Nominal and guided trials of every size, from the same initial conditions and z(0)."""
         sizes = QUICK_SIZES if settings.quick else tuple(PAPER_NOMINAL)
         trials = settings.cases(TRIALS, QUICK_TRIALS)
         return measure_rows(load_field(), sizes, trials, settings.seed, say)
 
     def present(self, result: Mapping[str, Any], settings: Settings) -> Section:
-        """Success beside the paper's, and how nominal trials fail."""
+        """Success compared with the paper's, and the failures of nominal trials."""
         rows = [parse_as(Evaluation, row) for row in result["rows"]]
         trials, seed = result["trials"], result["seed"]
         sizes = " ".join(str(row.size) for row in rows)
@@ -85,7 +85,7 @@ def measure_rows(
 
 
 def size_title(size: int) -> str:
-    """As the paper has it."""
+    """A row's label, as in the paper."""
     return str(size) if size in TRAINED else f"{size} (unseen)"
 
 
@@ -99,7 +99,7 @@ def _overall(rows: Sequence[Evaluation]) -> tuple[Rate, Rate]:
 
 
 def _paper_overall(rows: Sequence[Evaluation]) -> tuple[Rate, Rate]:
-    """The paper's, of the same sizes."""
+    """The paper's rates, for the same sizes."""
     return (
         overall([PAPER_NOMINAL[row.size] for row in rows]),
         overall([PAPER_GUIDED[row.size] for row in rows]),
@@ -114,10 +114,12 @@ def _text(rows: Sequence[Evaluation], max_draws: int) -> list[str]:
         f"{nominal.cases} trials, {nominal}, guided ones in {guided.successes}, {guided} (95% Wilson intervals). "
         "Success and failure are decided by exact geometry, without the factors' buffers.",
         f"Every outcome, nominal or guided, was replayed by an independent integrator and judged by Shapely: "
-        f"{len(refuted)} of {2 * nominal.cases} were refuted. A guided policy that misses a bound is drawn again, "
-        f"at most {max_draws} times; the last table says how often that was needed.",
+        f"{len(refuted)} of {2 * nominal.cases} were refuted. A guided policy that misses a bound is redrawn, "
+        f"with at most {max_draws} draws; the last table shows how often that was needed.",
     ]
-    texts += [f"Not bridged although guided: {text}." for row in rows for text in row.blocked]
+    texts += [
+        f"Guided, but the gap is not bridged: {text}." for row in rows for text in row.blocked
+    ]
     return texts + [f"Refuted: {text}." for text in refuted]
 
 
@@ -126,9 +128,9 @@ def _of_paper(rate: Rate) -> str:
 
 
 def _success(rows: Sequence[Evaluation]) -> DataTable:
-    found: list[tuple[str | int, ...]] = []
+    lines: list[tuple[str | int, ...]] = []
     for row in rows:
-        found.append(
+        lines.append(
             (
                 size_title(row.size),
                 row.trials,
@@ -145,7 +147,7 @@ def _success(rows: Sequence[Evaluation]) -> DataTable:
     refuted = sum(len(row.refuted) for row in rows)
     proportions = nominal.successes, str(nominal), guided.successes, str(guided)
     of_paper = (_of_paper(rate) for rate in _paper_overall(rows))
-    found.append(("overall", nominal.cases, *proportions, refuted, *of_paper))
+    lines.append(("overall", nominal.cases, *proportions, refuted, *of_paper))
     return DataTable(
         "bridge_success",
         "Trials that bridge the gap, with 95% Wilson intervals, beside the paper's (tab:task1_results).",
@@ -160,14 +162,14 @@ def _success(rows: Sequence[Evaluation]) -> DataTable:
             "nominal (paper)",
             "guided (paper)",
         ),
-        found,
+        lines,
     )
 
 
 def _failures(rows: Sequence[Evaluation]) -> DataTable:
     return DataTable(
         "bridge_failures",
-        "How nominal trials fail.",
+        "Failures of nominal trials.",
         ("N", "failed", *KIND_TITLES.values()),
         [
             (
@@ -181,10 +183,10 @@ def _failures(rows: Sequence[Evaluation]) -> DataTable:
 
 
 def _policies(rows: Sequence[Evaluation], max_draws: int) -> DataTable:
-    found = []
+    lines = []
     for row in rows:
         nominal, guided = row.policies["nominal"], row.policies["guided"]
-        found.append(
+        lines.append(
             (
                 size_title(row.size),
                 nominal.generated,
@@ -199,7 +201,7 @@ def _policies(rows: Sequence[Evaluation], max_draws: int) -> DataTable:
     return DataTable(
         "bridge_policies",
         "Policies of these trials that end with q_task and q_safe below their bounds, and the least margin to any "
-        "failure over everything that guided trials executed.",
+        "failure over all executed guided motions.",
         (
             "N",
             "nominal policies",
@@ -210,7 +212,7 @@ def _policies(rows: Sequence[Evaluation], max_draws: int) -> DataTable:
             "most draws",
             "least margin, guided (mm)",
         ),
-        found,
+        lines,
     )
 
 
@@ -227,10 +229,10 @@ def _figure(rows: Sequence[Evaluation]) -> Any:
         ("nominal", NOMINAL, PAPER_NOMINAL),
         ("guided", GUIDED, PAPER_GUIDED),
     ):
-        quoted = [rates[row.size] for row in rows]
+        paper = [rates[row.size] for row in rows]
         ours = [row.rate(getattr(row, name)) for row in rows]
         bars += [
-            SuccessBars(f"{name} (paper)", colour, quoted, quoted=True),
+            SuccessBars(f"{name} (paper)", colour, paper, quoted=True),
             SuccessBars(f"{name} (ours)", colour, ours),
         ]
     return success_bars(

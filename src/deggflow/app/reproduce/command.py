@@ -1,4 +1,4 @@
-"""`deggflow reproduce`: measures what is missing, then writes the report anew."""
+"""`deggflow reproduce`: measures what is missing, then rewrites the report."""
 
 import sys
 from collections.abc import Iterator, Sequence
@@ -25,17 +25,18 @@ def reproduce(
     seed: int = 1,
     only: tuple[str, ...] = (),
 ) -> int:
-    """Measure every table and figure of the paper and put them into one report beside the paper's.
+    """Measure every table and figure of the paper and compare them with the paper's in one report.
 
-    Results are kept as they come; rerun the command to resume. Exit code 0: everything asked for
-    was measured; 3: it was, and a guided result that should be satisfied is not (the report says which); 2: bad input.
+    Each result is kept as soon as it is measured; rerun the command to resume. Exit code 0: all selected experiments
+    were measured; 3: they were measured, but a guided result or a claim failed (the report lists them);
+    2: bad input.
 
     Args:
         out: Folder that receives report.html, figures (PNG, PDF), tables (CSV, JSON) and results (JSON).
-        quick: Few cases of everything, to see that it works.
-        retrain: Train all three seeds of both tasks again for the training curves; takes hours without --quick.
+        quick: A short run with few cases, to check that everything works.
+        retrain: Train all three seeds of both tasks again for the training curves. Takes hours without --quick.
         seed: Seed of cases and of z(0).
-        only: Measure these experiments alone; others are shown if their results are there.
+        only: Measure only these experiments; others are shown if their results exist.
     """
     check_range("seed", seed, 0, MAX_SEED)
     if out.exists() and not out.is_dir():
@@ -47,19 +48,19 @@ def reproduce(
     from .run import results
 
     settings, sources = Settings(seed, quick, out / "results"), shipped_curves()
-    chosen = _chosen(entries(sources), only)
-    if retrain and TrainingCurves.name not in chosen:
+    selection = _selection(entries(sources), only)
+    if retrain and TrainingCurves.name not in selection:
         raise InputError(f"--retrain is for {TrainingCurves.name}, which --only leaves out")
-    with _watch(len(chosen)) as watch:
+    with _watch(len(selection)) as watch:
         if retrain:
-            sources = _trained(out, quick, watch)
+            sources = _retrain(out, quick, watch)
         todo = entries(sources)
-        found = results(out, todo, settings, chosen, watch)
-    parts = write_report(out, todo, found, settings)
-    return _told(out, parts)
+        stored = results(out, todo, settings, selection, watch)
+    parts = write_report(out, todo, stored, settings)
+    return _report_outcome(out, parts)
 
 
-def _chosen(entries: "Sequence[Entry]", only: Sequence[str]) -> list[str]:
+def _selection(entries: "Sequence[Entry]", only: Sequence[str]) -> list[str]:
     names = [entry.experiment.name for entry in entries]
     for name in only:
         if name not in names:
@@ -67,7 +68,7 @@ def _chosen(entries: "Sequence[Entry]", only: Sequence[str]) -> list[str]:
     return [name for name in names if not only or name in only]
 
 
-def _trained(out: Path, quick: bool, watch: "Watch") -> "Sources":
+def _retrain(out: Path, quick: bool, watch: "Watch") -> "Sources":
     from .curves import TASKS
     from .registry import weights
     from .retrain import retrain
@@ -79,7 +80,7 @@ def _trained(out: Path, quick: bool, watch: "Watch") -> "Sources":
 
 @contextmanager
 def _watch(count: int) -> "Iterator[Watch]":
-    """Bars where somebody watches, else a line for each thing that is begun."""
+    """Progress bars on a terminal; elsewhere a line for each new activity."""
     from .page import duration
     from .run import Watch
 
@@ -97,7 +98,11 @@ def _watch(count: int) -> "Iterator[Watch]":
             current[0] = name
 
         def ends(name: str, fresh: "Stored | None") -> None:
-            took = "there already" if fresh is None else f"measured in {duration(fresh.seconds)}"
+            took = (
+                "kept from an earlier run"
+                if fresh is None
+                else f"measured in {duration(fresh.seconds)}"
+            )
             bars.console.print(f"{name}: {took}", highlight=False)
             bars.advance(bar)
 
@@ -105,30 +110,30 @@ def _watch(count: int) -> "Iterator[Watch]":
 
 
 def write_report(
-    out: Path, entries: "Sequence[Entry]", found: "dict[str, Stored]", settings: "Settings"
+    out: Path, entries: "Sequence[Entry]", stored: "dict[str, Stored]", settings: "Settings"
 ) -> "list[Part]":
-    """Presents every result, writes tables, figures and report.html."""
+    """Writes the tables, the figures and report.html of all results."""
     from deggflow.files import write_atomically
 
     from .artefacts import check_names, write
     from .page import Part, page
     from .run import code_digest
 
-    shown = [entry.experiment for entry in entries if entry.experiment.name in found]
-    missing = [e.experiment.name for e in entries if e.experiment.name not in found]
-    sections = [each.present(found[each.name].result, settings) for each in shown]
+    experiments = [entry.experiment for entry in entries if entry.experiment.name in stored]
+    missing = [e.experiment.name for e in entries if e.experiment.name not in stored]
+    sections = [each.present(stored[each.name].result, settings) for each in experiments]
     check_names(sections)
     parts = [
-        Part(each.name, section, found[each.name], write(section, out))
-        for each, section in zip(shown, sections, strict=True)
+        Part(each.name, section, stored[each.name], write(section, out))
+        for each, section in zip(experiments, sections, strict=True)
     ]
     write_atomically(out / "report.html", page(parts, missing, settings, code_digest()))
     return parts
 
 
-def _told(out: Path, parts: "Sequence[Part]") -> int:
+def _report_outcome(out: Path, parts: "Sequence[Part]") -> int:
     unmet = [text for part in parts for text in part.stored.unmet]
     for text in unmet:
-        console().print(f"not as it should be: {text}")
+        console().print(f"not as expected: {text}")
     output().print(f"The report of {len(parts)} experiments is {out / 'report.html'}.")
     return NOT_SATISFIED if unmet else SATISFIED

@@ -1,4 +1,4 @@
-"""Training and validation curves over seeds, from the logs that ship with the weights or were made again."""
+"""Training and validation curves over seeds, from the logs shipped with the weights or from new training runs."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -20,10 +20,10 @@ TASKS = {"bridge": "Task 1, bridge", "tabletop": "Task 2, tabletop"}
 LOSSES = {
     "bridge": "L_MAC + 0.16 L_motion + 0.45 L_twist",
     "tabletop": "L_MAC",
-}  # as the cards say
+}  # as in the cards
 
 Sources = Mapping[str, Mapping[int, Path]]
-"""Of each task, a file of curves for each seed."""
+"""For each task, the file of curves of each seed."""
 
 
 def shipped_curves() -> Sources:
@@ -34,12 +34,12 @@ def shipped_curves() -> Sources:
 
 
 def _curves_in(folder: Path) -> dict[int, Path]:
-    found = {0: folder / "curves.csv"}
+    paths = {0: folder / "curves.csv"}
     for path in folder.glob("curves_seed*.csv"):
         seed = re.fullmatch(r"curves_seed(\d+)", path.stem)
         if seed is not None:
-            found[int(seed[1])] = path
-    return dict(sorted(found.items()))
+            paths[int(seed[1])] = path
+    return dict(sorted(paths.items()))
 
 
 class TrainingCurves:
@@ -51,7 +51,7 @@ class TrainingCurves:
         self._sources = sources
 
     def measure(self, settings: Settings, say: Progress) -> Mapping[str, Any]:
-        """Reads the curves; training is what takes long, and was done before."""
+        """Reads the curves; the training runs themselves are finished."""
         out: dict[str, Any] = {}
         for task, of_seeds in self._sources.items():
             say(f"{task}, {len(of_seeds)} seeds")
@@ -61,7 +61,7 @@ class TrainingCurves:
         return {"curves": out}
 
     def present(self, result: Mapping[str, Any], settings: Settings) -> Section:
-        """Mean and band of each task, and where each seed ends."""
+        """Mean and band of each task, and the final losses of each seed."""
         curves = {
             task: {int(seed): [Curve(*row) for row in rows] for seed, rows in seeds.items()}
             for task, seeds in result["curves"].items()
@@ -87,9 +87,9 @@ class TrainingCurves:
             "independent seeds.",
             text=(
                 "Seeds differ in initial weights, batches, noise and times; the data are the same. The loss of "
-                f"Task 1 is {LOSSES['bridge']}, that of Task 2 {LOSSES['tabletop']}; neither comes to zero, as a field doesn't know "
-                "which noise a point of the path came from. The noise of the validation is drawn once for each seed, and most of the validation's "
-                "band is that draw. deggflow reproduce --retrain trains all seeds again.",
+                f"Task 1 is {LOSSES['bridge']}, that of Task 2 {LOSSES['tabletop']}. Neither tends to zero, since a point of a path "
+                "does not determine the noise that the path started from. The validation noise is drawn once for each seed, and most of "
+                "the validation band comes from that draw. deggflow reproduce --retrain trains all seeds again.",
             ),
             tables=(table,),
             plots=(plot,),
@@ -112,12 +112,12 @@ def _read(path: Path) -> list[Curve]:
 
 
 def common_steps(runs: Sequence[Sequence[Curve]]) -> list[int]:
-    """The steps at which every run has a point."""
+    """The steps at which all runs have a point."""
     return sorted(set.intersection(*({curve.step for curve in run} for run in runs)))
 
 
 def bands(runs: Sequence[Sequence[Curve]]) -> tuple[Band, Band]:
-    """Mean and deviation of both losses at the steps that all runs have."""
+    """Mean and deviation of both losses at the common steps of all runs."""
     steps = common_steps(runs)
     at = [{curve.step: curve for curve in run} for run in runs]
     training = np.array([[run[step].training for step in steps] for run in at])

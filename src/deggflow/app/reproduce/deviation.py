@@ -1,4 +1,4 @@
-"""How far guidance moves scenes from the nominal ones, and what the theorem promises of it."""
+"""How far guidance moves scenes from the nominal ones, and the theorem's bound on it."""
 
 import math
 from collections.abc import Mapping
@@ -21,20 +21,19 @@ FAMILY = "changed"
 
 
 class SceneDeviations:
-    """fig:task2_w2 with its text, and thm:wasserstein evaluated."""
+    """fig:task2_w2 with its text, and both sides of thm:wasserstein."""
 
     name = "deviation"
 
     def measure(self, settings: Settings, say: Progress) -> Mapping[str, Any]:
-        """As many scenes as the paper's, more of them, and one condition for the theorem's two sides."""
+        """Scenes as many as in the paper, a larger sample, and one condition for the theorem's two sides."""
         scenes, paths = settings.cases(TASK2_W2_SCENES, 16), settings.cases(PATHS, 4)
         rows: list[dict[str, Any]] = []
         for size in QUICK_SIZES if settings.quick else SIZES:
-            few = settings.quick and bool(
-                rows
-            )  # the theorem's programs are many: one size shows it
-            rows.append(_measured(size, scenes, 0 if few else paths, settings, say))
-        unmet = [text for row in rows for text in _broken(row)]
+            # The theorem compiles many programs: a quick run evaluates it for one size.
+            skip = settings.quick and bool(rows)
+            rows.append(_measure(size, scenes, 0 if skip else paths, settings, say))
+        unmet = [text for row in rows for text in _bound_violations(row)]
         return {
             "seed": settings.seed,
             "scenes": scenes,
@@ -48,33 +47,33 @@ class SceneDeviations:
         return section_of(result)
 
 
-def _measured(
+def _measure(
     size: int, scenes: int, paths: int, settings: Settings, say: Progress
 ) -> dict[str, Any]:
     field, seed = load_field(), settings.seed
     nominal = TabletopGenerator(field)
     guided = TabletopGenerator(field, tabletop_guidance())
     conditions = random_conditions(size, max(scenes, MANY), FAMILY, seed)
-    wanted = {"scenes": (guided, conditions[:scenes])}
+    samples = {"scenes": (guided, conditions[:scenes])}
     if not settings.quick:
         papers = TabletopGenerator(field, tabletop_guidance(OWN, reanchored=False), guard=None)
-        wanted["many"] = guided, conditions[:MANY]
-        wanted["own"] = papers, conditions[:MANY]
-        wanted["same"] = guided, conditions[:1] * scenes
+        samples["many"] = guided, conditions[:MANY]
+        samples["own"] = papers, conditions[:MANY]
+        samples["same"] = guided, conditions[:1] * scenes
     row: dict[str, Any] = {"size": size, "condition": conditions[0].to_json()}
-    for kind, (generator, chosen) in wanted.items():
-        say(f"N = {size}: W2, {KINDS[kind]}, {len(chosen)} scenes")
-        row[kind] = asdict(deviation_of_scenes(nominal, generator, chosen, seed))
+    for kind, (generator, part) in samples.items():
+        say(f"N = {size}: W2, {KINDS[kind]}, {len(part)} scenes")
+        row[kind] = asdict(deviation_of_scenes(nominal, generator, part, seed))
     if paths:
         say(f"N = {size}: both sides of the theorem, {paths} samples")
         row["theorem"] = asdict(deviation_of_theorem(guided, conditions[0], paths, seed))
     return row
 
 
-def _broken(row: Mapping[str, Any]) -> list[str]:
-    """Where the bound that holds for fixed Euler steps does not."""
-    found = row.get("theorem")
-    if found is None or found["log_bounds"]["held"] >= math.log(found["paired"]):
+def _bound_violations(row: Mapping[str, Any]) -> list[str]:
+    """A message if a row violates the bound, which must hold for fixed Euler steps."""
+    theorem = row.get("theorem")
+    if theorem is None or theorem["log_bounds"]["held"] >= math.log(theorem["paired"]):
         return []
     return [f"deviation, N = {row['size']}: above the theorem's bound"]
 

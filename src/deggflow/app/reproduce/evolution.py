@@ -1,4 +1,4 @@
-"""How a violation evolves while one scene is generated, and which scenes are worth showing."""
+"""How the violation evolves while a scene is generated, and the search for scenes that serve as examples."""
 
 import re
 from collections.abc import Callable, Iterator, Mapping
@@ -19,28 +19,41 @@ from deggflow.tasks.tabletop.verdict import BUFFER, Breach, Poses, Verdict, judg
 
 from .experiment import Progress
 
-_BATCH = 16  # cases looked at together
-_LIMIT = 2_048  # cases looked at in all
+_BATCH = 16  # cases of one search step
+_LIMIT = 2_048  # cases searched in all
 
 
 class Evolution(NamedTuple):
-    """One generation under one condition."""
+    """One generation under one condition.
+
+    Attributes:
+        tau: Times of the points.
+        violation: V at each point, m^2.
+        bound: The theorem's bound on V at each point; None without guidance.
+        poses: The decoded scene at each point.
+    """
 
     tau: list[float]
-    violation: list[float]  # V at every tau, m^2
-    bound: list[float] | None  # what the theorem promises of V; None if nobody guides
-    poses: list[Poses]  # at every tau
+    violation: list[float]
+    bound: list[float] | None
+    poses: list[Poses]
 
     def to_json(self) -> dict[str, Any]:
-        """As it stands in a result: the curves and the scene at the end."""
+        """JSON values for a result: the curves and the scene at the end."""
         out = {**self._asdict(), "poses": self.poses[-1].tolist()}
         return out if self.bound is not None else {k: v for k, v in out.items() if k != "bound"}
 
 
 class Case(NamedTuple):
-    """A drawn case: a condition and its z(0)."""
+    """A randomly drawn condition and its z(0).
 
-    number: int  # in the run of its seed
+    Attributes:
+        number: Number of the case in the run of its seed.
+        condition: The condition.
+        z0: Initial states.
+    """
+
+    number: int
     condition: SceneCondition
     z0: Float[np.ndarray, "agents 3"]
 
@@ -55,7 +68,7 @@ def _violations(
 def evolution(
     generator: TabletopGenerator, z0: Float[np.ndarray, "agents 3"], condition: SceneCondition
 ) -> Evolution:
-    """V of the condition's requirements along a generation from z(0), whoever guides it, or nobody."""
+    """V of the condition's requirements along a generation from z(0), guided or not."""
     scene = take(to_arrays([condition]), 0)
     generation = generator.generation(z0, condition, keep_trace=True)
     assert generation.path is not None
@@ -70,16 +83,24 @@ def evolution(
 
 
 class Pair(NamedTuple):
-    """A case as nobody guides it and as it is guided, from the same z(0)."""
+    """A case without and with guidance, from the same z(0).
+
+    Attributes:
+        case: The case.
+        tried: Number of cases searched, including this one.
+        passed_over: Of these, cases that fitted but that guidance did not satisfy.
+        nominal: The generation without guidance.
+        guided: The generation with guidance.
+    """
 
     case: Case
-    tried: int  # cases looked at, this one included
-    passed_over: int  # of these, cases that would have served, had guidance satisfied them
+    tried: int
+    passed_over: int
     nominal: Evolution
     guided: Evolution
 
     def to_json(self) -> dict[str, Any]:
-        """As it stands in a result."""
+        """JSON values for a result."""
         return {
             "number": self.case.number,
             "tried": self.tried,
@@ -97,33 +118,33 @@ def first_pair(
     fits: Callable[[SceneCondition, Poses], SceneCondition | None],
     say: Progress,
 ) -> Pair:
-    """The first case of a seed whose nominal scene shows what is wanted, and that guidance satisfies.
+    """The first case of a seed whose nominal scene fits and which guidance satisfies.
 
     Args:
         nominal: Generates without guidance.
         guided: Generates with guidance.
         size: Number of objects.
-        seed: Of objects and z(0), as everywhere: case k is case k of `deggflow tabletop generate --seed`.
-        fits: Told a default condition and its nominal scene; returns the condition to guide, or None.
-        say: Told how many cases were looked at.
+        seed: Seed of objects and z(0): case k is case k of `deggflow tabletop generate --seed`.
+        fits: Maps a default condition and its nominal scene to the condition for guidance, or None if the case does not fit.
+        say: Called with the progress of the search.
 
     Raises:
-        RuntimeError: None of the first 2,048 cases serves.
+        RuntimeError: None of the first 2,048 cases fits.
     """
     passed_over = 0
-    for case, wanted in _wanted(nominal, size, seed, fits, say):
-        before = evolution(nominal, case.z0, wanted)
-        # One by one scenes round differently than in a batch.
+    for case, target in _candidates(nominal, size, seed, fits, say):
+        before = evolution(nominal, case.z0, target)
+        # A single scene rounds differently than in a batch.
         if fits(case.condition, before.poses[-1]) is None:
             continue
-        after = evolution(guided, case.z0, wanted)
-        if judge([wanted], [after.poses[-1]])[0].satisfied:
+        after = evolution(guided, case.z0, target)
+        if judge([target], [after.poses[-1]])[0].satisfied:
             return Pair(case, case.number + 1, passed_over, before, after)
         passed_over += 1
-    raise RuntimeError(f"none of the first {_LIMIT} cases of seed {seed} shows what is wanted")
+    raise RuntimeError(f"none of the first {_LIMIT} cases of seed {seed} fits")
 
 
-def _wanted(
+def _candidates(
     nominal: TabletopGenerator,
     size: int,
     seed: int,
@@ -131,18 +152,18 @@ def _wanted(
     say: Progress,
 ) -> Iterator[tuple[Case, SceneCondition]]:
     for first in range(0, _LIMIT, _BATCH):
-        say(f"looking for an example, {first} cases seen")
+        say(f"searching for an example, {first} cases done")
         conditions = random_conditions(size, _BATCH, "default", seed, first)
         noise = initial_noise(seed, np.arange(first, first + _BATCH), 0)
         scenes = nominal.batch(noise, conditions).poses
         for k, (condition, poses) in enumerate(zip(conditions, scenes, strict=True)):
-            wanted = fits(condition, poses)
-            if wanted is not None:
-                yield Case(first + k, condition, noise[k]), wanted
+            target = fits(condition, poses)
+            if target is not None:
+                yield Case(first + k, condition, noise[k]), target
 
 
 def in_words(breach: Breach, condition: SceneCondition) -> str:
-    """One breach as a reader says it, without how far."""
+    """A breach in words, without its size."""
     text = Verdict(breach.margin, 0.0, (breach,)).reason(condition.objects)
     return re.sub(r" by [\d.]+ m$", "", str(text)).replace("_", " ")
 

@@ -1,4 +1,4 @@
-"""Two scenes of Task 2 looked at closely: a left-handed user, and a nominal scene with several violations."""
+"""Two example scenes of Task 2: a left-handed user, and a nominal scene with several violations."""
 
 import math
 from collections.abc import Mapping
@@ -21,16 +21,19 @@ from .experiment import DataTable, Experiment, Finding, Plot, Progress, Section,
 from .words import cases, scientific
 
 LAPTOP = "laptop"
-VISIBLE = (0.03, 0.06)  # m, by which the mouse region is obstructed, so that a picture shows both
-CLEAR = 0.005  # m, by which each of several requirements is broken in the other example
+VISIBLE = (
+    0.03,
+    0.06,
+)  # m, obstruction of the mouse region: a picture shows the region and the obstacle
+CLEAR = 0.005  # m, least violation of each requirement that counts in the other example
 SEVERAL = 3  # violations of the paper's example
 
 _HANDS = (
-    "whose nominal scene is right as it is, and wrong for a left-handed user in the mouse region alone "
-    f"(by {1000 * VISIBLE[0]:.0f} to {1000 * VISIBLE[1]:.0f} mm, so that a picture shows the region and what stands in it)"
+    "whose nominal scene satisfies all default requirements and, for a left-handed user, violates only that of the mouse region "
+    f"(by {1000 * VISIBLE[0]:.0f} to {1000 * VISIBLE[1]:.0f} mm, so that a picture shows both the region and the obstacle)"
 )
 _MANY = (
-    f"whose nominal scene breaks requirements between {SEVERAL} or more different pairs of objects, each by "
+    f"whose nominal scene violates requirements between {SEVERAL} or more different pairs of objects, each by "
     f"{1000 * CLEAR:.0f} mm or more"
 )
 
@@ -41,7 +44,7 @@ class LeftHanded:
     name = "left_handed"
 
     def measure(self, settings: Settings, say: Progress) -> Mapping[str, Any]:
-        """The first case of the seed in which only the other hand makes the nominal scene fail."""
+        """The first case of the seed in which the nominal scene fails only for the other hand."""
         field = load_field()
         guided = TabletopGenerator(field, tabletop_guidance())
         pair = first_pair(TabletopGenerator(field), guided, 7, settings.seed, _other_hand, say)
@@ -53,7 +56,7 @@ class LeftHanded:
         }
 
     def present(self, result: Mapping[str, Any], settings: Settings) -> Section:
-        """The scene for either hand, the guided scene, and V along both generations."""
+        """The nominal scene for each hand, the guided scene, and V along both generations."""
         usual = parse_condition(result["condition"])
         other = parse_condition(result["required"])
         scene, guided = final(result, "nominal"), final(result, "guided")
@@ -68,15 +71,15 @@ class LeftHanded:
                 [render(condition, poses, camera="top") for condition, poses in views],
                 ("Nominal, right-handed", "Nominal, left-handed", "Guided, left-handed"),
                 [
-                    _said(found, condition)
-                    for found, (condition, _) in zip(verdicts, views, strict=True)
+                    _caption(verdict, condition)
+                    for verdict, (condition, _) in zip(verdicts, views, strict=True)
                 ],
             ),
         )
         return Section(
             title="Task 2: a left-handed user",
-            paper="fig:task2_personalization and fig:task2_sampling. N = 7: a nominal scene that serves a right-handed laptop "
-            "user and not a left-handed one; guided comes to V = 0.",
+            paper="fig:task2_personalization and fig:task2_sampling. N = 7: a nominal scene that suits a right-handed laptop "
+            "user but not a left-handed one; guidance reaches V = 0.",
             text=(_search(result, _HANDS), _ends(result)),
             plots=(pictures, _violations("left_handed_v", result, "the left-handed requirement")),
             summary=(
@@ -95,7 +98,7 @@ class Rescue:
     name = "n8_rescue"
 
     def measure(self, settings: Settings, say: Progress) -> Mapping[str, Any]:
-        """The first case of the seed whose nominal scene breaks several default requirements."""
+        """The first case of the seed whose nominal scene violates several default requirements."""
         field = load_field()
         guided = TabletopGenerator(field, tabletop_guidance())
         pair = first_pair(TabletopGenerator(field), guided, 8, settings.seed, _several, say)
@@ -117,26 +120,26 @@ class Rescue:
             picture_row(
                 [render(condition, poses, camera="top") for poses in scenes],
                 ("Nominal", "Guided"),
-                [_said(before, condition), _said(after, condition)],
+                [_caption(before, condition), _caption(after, condition)],
                 width=5.4,
             ),
         )
         table = DataTable(
             "n8_rescue",
-            "What is wrong with the nominal scene. The guided scene breaks nothing.",
+            "Violations of the nominal scene. The guided scene has none.",
             ("requirement", "by (m)"),
             [(in_words(breach, condition), -breach.margin) for breach in before.breaches],
         )
         return Section(
             title="Task 2: several violations at once",
             paper="fig:task2_canonical_rescue. N = 8, default requirements: two pairs of objects too close to each other and "
-            "an obstructed region; guided resolves all three from the same z(0).",
+            "an obstructed region; guidance resolves all three from the same z(0).",
             text=(_search(result, _MANY), _ends(result)),
             tables=(table,),
             plots=(pictures, _violations("n8_rescue_v", result, "the default requirements")),
             summary=(
                 Finding(
-                    "Task 2, N = 8, requirements broken: nominal / guided",
+                    "Task 2, N = 8, requirements violated: nominal / guided",
                     f"{SEVERAL} / 0",
                     f"{len(before.breaches)} / {len(after.breaches)}",
                 ),
@@ -145,18 +148,18 @@ class Rescue:
 
 
 def left_handed(condition: SceneCondition) -> SceneCondition:
-    """The same, but the laptop's mouse region lies on its other side."""
+    """The same condition with the laptop's mouse region on its other side."""
     return condition.with_requirements({LAPTOP: Affordance(direction=math.pi)})
 
 
 def _other_hand(condition: SceneCondition, poses: Poses) -> SceneCondition | None:
     if LAPTOP not in condition.objects or not judge([condition], [poses])[0].satisfied:
         return None
-    wanted = left_handed(condition)
-    breaches = judge([wanted], [poses])[0].breaches
+    target = left_handed(condition)
+    breaches = judge([target], [poses])[0].breaches
     if len(breaches) != 1 or breaches[0].kind is not Kind.UNOBSTRUCTED:
         return None
-    return wanted if VISIBLE[0] <= -breaches[0].margin <= VISIBLE[1] else None
+    return target if VISIBLE[0] <= -breaches[0].margin <= VISIBLE[1] else None
 
 
 def _several(condition: SceneCondition, poses: Poses) -> SceneCondition | None:
@@ -165,22 +168,21 @@ def _several(condition: SceneCondition, poses: Poses) -> SceneCondition | None:
 
 
 def pairs_apart(breaches: tuple[Breach, ...]) -> set[frozenset[int]]:
-    """Different pairs of objects (or object and edge) between which something is clearly broken."""
+    """Different pairs of objects (or object and edge) with a violation of at least `CLEAR`."""
     return {frozenset((each.owner, each.other)) for each in breaches if each.margin <= -CLEAR}
 
 
-def _said(verdict: Verdict, condition: SceneCondition) -> str:
+def _caption(verdict: Verdict, condition: SceneCondition) -> str:
     if verdict.satisfied:
-        return f"all requirements hold, {1000 * verdict.min_margin:.1f} mm to spare"
+        return f"all requirements hold, least margin {1000 * verdict.min_margin:.1f} mm"
     return str(verdict.reason(condition.objects)).replace("_", " ")
 
 
 def _search(result: Mapping[str, Any], what: str) -> str:
-    passed = result["passed_over"]
     return (
-        f"Of seed {result['seed']}, {cases(result['tried'])} were looked at in order, until one came {what}: case "
-        f"{result['number']}, counted from 0. Cases that would have served, but were passed over as guidance did not "
-        f"satisfy them: {passed}."
+        f"{cases(result['tried']).capitalize()} of seed {result['seed']} were searched in order for the first one {what}: case "
+        f"{result['number']}, counted from 0. Cases that fitted but were skipped because guidance did not satisfy them: "
+        f"{result['passed_over']}."
     )
 
 
@@ -192,7 +194,7 @@ def _ends(result: Mapping[str, Any]) -> str:
     return (
         f"V ends at {scientific(nominal)} m² without guidance and at {scientific(guided)} m² with it; at or below "
         f"{scientific(enough)} m², half the square of the {1000 * BUFFER:.0f} mm buffer, every requirement holds. Points of the "
-        f"guided path at which V was above both the bound and that value: {above} of {len(path)}."
+        f"guided path at which V exceeds both the bound and that value: {above} of {len(path)}."
     )
 
 
@@ -207,8 +209,8 @@ def _violations(name: str, result: Mapping[str, Any], required: str) -> Plot:
     )
     return Plot(
         name,
-        f"V during the generation, both from the same z(0) and under {required}. Dashed: what the theorem promises of "
-        f"the guided one (prescribed-time form). V below {scientific(LEAST)} m² leaves the axis.",
+        f"V during both generations, from the same z(0) and under {required}. Dashed: the theorem's bound for the guided one "
+        f"(prescribed-time form). V below {scientific(LEAST)} m² is off the axis.",
         draw_violations(curves),
     )
 

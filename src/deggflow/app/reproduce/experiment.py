@@ -1,4 +1,4 @@
-"""What an experiment is: something measured once, kept as JSON, and presented as often as wanted."""
+"""The interface of experiments: each is measured once, kept as JSON, and presented any number of times."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -9,79 +9,116 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Progress = Callable[[str], None]
-"""Told what is being done, in a few words."""
+"""Called with a short text on the current activity."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What a whole reproduction depends on; results of other settings are not used again."""
+    """Settings of a whole reproduction; results of other settings are not reused.
+
+    Attributes:
+        seed: Seed of cases and of z(0).
+        quick: Whether to run few cases.
+        folder: Where an experiment may keep parts of a long measurement; None keeps nothing.
+    """
 
     seed: int = 1
     quick: bool = False
-    folder: Path | None = None  # where an experiment may keep parts of a long measurement
+    folder: Path | None = None
 
     def cases(self, full: int, quick: int) -> int:
-        """How many cases, in full or quick."""
+        """The number of cases of a full or a quick run."""
         return quick if self.quick else full
 
 
 @dataclass(frozen=True)
 class DataTable:
-    """A table of the report; also written as CSV and JSON."""
+    """A table of the report; also written as CSV and JSON.
 
-    name: str  # of its files
+    Attributes:
+        name: Name of its files.
+        caption: Its caption.
+        columns: Headings.
+        rows: Cells. Files hold numbers in full precision.
+    """
+
+    name: str
     caption: str
     columns: Sequence[str]
-    rows: Sequence[
-        Sequence[str | float | int | None]
-    ]  # numbers are written in full, texts as they are
+    rows: Sequence[Sequence[str | float | int | None]]
 
 
 @dataclass(frozen=True)
 class Plot:
-    """A figure of the report; also written as PNG and PDF. Closed after it is written."""
+    """A figure of the report; also written as PNG and PDF.
 
-    name: str  # of its files
+    Attributes:
+        name: Name of its files.
+        caption: Its caption.
+        figure: The figure; it is cleared after it is written.
+    """
+
+    name: str
     caption: str
     figure: "Figure"
 
 
 @dataclass(frozen=True)
 class Finding:
-    """A line of the summary at the top of the report: the paper's figure beside ours."""
+    """A line of the summary at the top of the report.
+
+    Attributes:
+        what: The quantity.
+        paper: The paper's value; "-" if it gives none.
+        ours: Our value.
+    """
 
     what: str
-    paper: str  # "-" where the paper gives none
+    paper: str
     ours: str
 
 
 @dataclass(frozen=True)
 class Section:
-    """One part of the report."""
+    """One section of the report.
+
+    Attributes:
+        title: Heading.
+        paper: The table or figure of the paper that it reproduces, and the paper's result.
+        text: Paragraphs.
+        tables: Tables.
+        plots: Figures.
+        command: The command that prints the same numbers.
+        summary: Lines of the summary at the top of the report.
+    """
 
     title: str
-    paper: str  # which table or figure of the paper stands beside it, and what it says
-    text: Sequence[str] = ()  # paragraphs
+    paper: str
+    text: Sequence[str] = ()
     tables: Sequence[DataTable] = ()
     plots: Sequence[Plot] = ()
-    command: str | None = None  # what prints the same figures by itself
-    summary: Sequence[Finding] = ()  # lines of the table at the top of the report
+    command: str | None = None
+    summary: Sequence[Finding] = ()
 
 
 UNMET = "unmet"
-"""Key of a result, if it has one: a list of texts, each a guided result that should be satisfied and is not.
+"""Optional key of a result: a list of messages on guided results, claims or bounds that fail.
 
-The report shows them, and the command then exits with 3.
+The report shows them, and the command exits with 3.
 """
 
 
 class Experiment(Protocol):
-    """One experiment; measured slowly, presented quickly."""
+    """One experiment; measuring is slow, presenting is fast.
 
-    name: str  # of its result's file, `results/<name>.json`
+    Attributes:
+        name: Name of its result's file, `results/<name>.json`.
+    """
+
+    name: str
 
     def measure(self, settings: Settings, say: Progress) -> Mapping[str, Any]:
-        """The result as JSON values, with its sample sizes."""
+        """Measures the result: JSON values, including sample sizes."""
 
     def present(self, result: Mapping[str, Any], settings: Settings) -> Section:
-        """Tables and figures of a result; reads nothing but it."""
+        """The section of a result; depends on nothing else."""

@@ -1,4 +1,4 @@
-"""The report: one HTML page that needs nothing but itself."""
+"""The report: one self-contained HTML page."""
 
 import base64
 import re
@@ -14,12 +14,19 @@ from .experiment import Finding, Section, Settings
 from .run import Stored
 
 _NUMBER = re.compile(r"\s*[+\-<>~]?\d")
-_LONG = 34  # letters of a cell that may be broken into lines
-_SCREEN = 118  # pixels of the page for an inch of a figure
+_LONG = 34  # characters, above which a cell may break into lines
+_SCREEN = 118  # pixels per inch of a figure
 
 
 class Part(NamedTuple):
-    """One experiment of the report."""
+    """One experiment of the report.
+
+    Attributes:
+        name: Its name.
+        section: Its section.
+        stored: Its result.
+        artefacts: Its tables and figures.
+    """
 
     name: str
     section: Section
@@ -32,9 +39,9 @@ def page(parts: Sequence[Part], missing: Sequence[str], settings: Settings, code
 
     Args:
         parts: Experiments with results, in the order of the report.
-        missing: Names of those without.
-        settings: Of all results.
-        code: Digest of the present sources.
+        missing: Names of experiments without results.
+        settings: Settings of all results.
+        code: Digest of the current sources.
     """
     title = "deggflow: every table and figure"
     style = files(__package__).joinpath("report.css").read_text()
@@ -57,33 +64,33 @@ def page(parts: Sequence[Part], missing: Sequence[str], settings: Settings, code
 
 def _about(parts: Sequence[Part], settings: Settings) -> str:
     machines = {_machine(part.stored.machine) for part in parts}
-    spent = sum(part.stored.seconds for part in parts)
+    seconds = sum(part.stored.seconds for part in parts)
     facts = {
         "version": f"deggflow {__version__}",
         "seed": str(settings.seed),
         "sizes": "quick (few cases)" if settings.quick else "full",
         "machine": "; ".join(sorted(machines)),
-        "measuring took": duration(spent),
+        "time of measurement": duration(seconds),
     }
     terms = "".join(
         f"<div><dt>{name}</dt><dd>{escape(value)}</dd></div>" for name, value in facts.items()
     )
     return (
         "<p>The experiments of <cite>Multi-Agent Flow Matching with Decoupled Generative Guidance</cite> "
-        "(Lin, Egerstedt, Pasqualetti), measured anew. Intervals in brackets are 95% Wilson intervals, unless said otherwise.</p>"
+        "(Lin, Egerstedt, Pasqualetti), measured again. Intervals in brackets are 95% Wilson intervals unless stated otherwise.</p>"
         f'<dl class="facts">{terms}</dl>'
     )
 
 
-def _machine(found: Mapping[str, Any]) -> str:
+def _machine(machine: Mapping[str, Any]) -> str:
     return (
-        f"{found['cores']} cores ({found['processor']}, {found['system']}), "
-        f"Python {found['python']}, JAX {found['jax']}"
+        f"{machine['cores']} cores ({machine['processor']}, {machine['system']}), "
+        f"Python {machine['python']}, JAX {machine['jax']}"
     )
 
 
 def duration(seconds: float) -> str:
-    """A time in the unit in which people say it."""
+    """A time in seconds or minutes."""
     if seconds < 60:
         return f"{seconds:.1f} s"
     minutes, rest = divmod(round(seconds), 60)
@@ -108,7 +115,7 @@ def _unmet(parts: Sequence[Part]) -> str:
     if not texts:
         return ""
     items = "".join(f'<li><a href="#{name}">{escape(text)}</a></li>' for name, text in texts)
-    return f'<div class="note"><p>Guided results that should be satisfied and are not:</p><ul>{items}</ul></div>'
+    return f'<div class="note"><p>Results that are not as expected:</p><ul>{items}</ul></div>'
 
 
 def _summary(parts: Sequence[Part]) -> str:
@@ -116,7 +123,7 @@ def _summary(parts: Sequence[Part]) -> str:
         f'<tr><td><a href="#{part.name}">{escape(line.what)}</a></td>'
         f"<td>{escape(line.paper)}</td><td>{escape(line.ours)}</td></tr>"
         for part in parts
-        for line in part.section.summary or (Finding(part.section.title, "", "see there"),)
+        for line in part.section.summary or (Finding(part.section.title, "", "see section"),)
     ]
     head = '<tr><th scope="col"></th><th scope="col">paper</th><th scope="col">here</th></tr>'
     return (
@@ -135,14 +142,16 @@ def _section(part: Part) -> str:
         *(_table(table) for table in part.artefacts.tables),
     ]
     if section.command is not None:
-        lines.append(f"<p>By itself:</p><pre><code>{escape(section.command)}</code></pre>")
+        lines.append(
+            f"<p>The same numbers by one command:</p><pre><code>{escape(section.command)}</code></pre>"
+        )
     lines.append(f"{_source(part)}</section>")
     return "\n".join(lines)
 
 
 def _source(part: Part) -> str:
     return (
-        f'<p class="source">Measured in {duration(part.stored.seconds)}; everything that stands here comes from '
+        f'<p class="source">Measured in {duration(part.stored.seconds)}; this section is made from '
         f'<a href="results/{part.name}.json">results/{part.name}.json</a>.</p>'
     )
 
@@ -157,12 +166,12 @@ def _figure(plot: WrittenPlot) -> str:
 
 
 def _links(links: Sequence[str]) -> str:
-    made = ", ".join(f'<a href="{link}">{link.rsplit(".", 1)[1].upper()}</a>' for link in links)
-    return f'<span class="links">{made}</span>'
+    anchors = ", ".join(f'<a href="{link}">{link.rsplit(".", 1)[1].upper()}</a>' for link in links)
+    return f'<span class="links">{anchors}</span>'
 
 
-def _table(written: WrittenTable) -> str:
-    table = written.table
+def _table(artefact: WrittenTable) -> str:
+    table = artefact.table
     columns = list(zip(*table.rows, strict=True)) or [()] * len(table.columns)
     kinds = [_kind(column) for column in columns]
     head = "".join(
@@ -179,22 +188,22 @@ def _table(written: WrittenTable) -> str:
         for row in table.rows
     )
     return (
-        f'<figure id="table-{table.name}"><figcaption>{escape(table.caption)} {_links(written.links)}</figcaption>'
+        f'<figure id="table-{table.name}"><figcaption>{escape(table.caption)} {_links(artefact.links)}</figcaption>'
         f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div></figure>'
     )
 
 
 def _kind(column: Sequence[str | float | int | None]) -> str:
-    """How a column is set: numbers, or texts that begin with one, to the right; long texts in lines."""
+    """Style of a column: numbers, or texts that begin with one, are right-aligned; long texts break into lines."""
     texts = [cell for cell in column if isinstance(cell, str) and cell not in ("", "-")]
     if any(len(text) > _LONG for text in texts):
         return "long"
-    known = [cell for cell in column if cell is not None]
-    return "number" if known and all(map(_NUMBER.match, texts)) else "text"
+    values = [cell for cell in column if cell is not None]
+    return "number" if values and all(map(_NUMBER.match, texts)) else "text"
 
 
 def shown(cell: str | float | int | None) -> str:
-    """A cell as it is read: large counts in groups of three, four digits of a measured number."""
+    """A cell as text: integers with thousands separators, floats with four digits."""
     if cell is None:
         return "-"
     if isinstance(cell, int):
@@ -206,7 +215,7 @@ def _account(parts: Sequence[Part], code: str) -> str:
     rows = []
     for part in parts:
         stored = part.stored
-        remark = "" if stored.code == code else "by other sources than the present"
+        remark = "" if stored.code == code else "measured by other sources than the current ones"
         cells = (part.section.title, duration(stored.seconds), stored.digest, remark)
         link = f'<a href="results/{part.name}.json">{part.name}.json</a>'
         rows.append(
@@ -218,7 +227,7 @@ def _account(parts: Sequence[Part], code: str) -> str:
         f'<th scope="col"{kind}>{name}</th>'
         for name, kind in (
             ("experiment", ""),
-            ("took", ' class="number"'),
+            ("time", ' class="number"'),
             ("settings", ""),
             ("result", ""),
             ("", ""),
@@ -226,8 +235,8 @@ def _account(parts: Sequence[Part], code: str) -> str:
     )
     return (
         '<section id="account"><h2>How it was measured</h2>'
-        "<p>A result is measured once and kept; the same command goes on where a stopped one ended, and measures "
-        "anew what was measured with another seed, other sizes, another version, other weights or training "
-        "curves. Settings are told apart by the digest below.</p>"
+        "<p>Each result is measured once and kept. Rerun the command to resume an interrupted run. It measures a result "
+        "again if the seed, the sample sizes, the version, the weights or the training curves have changed. The digest "
+        "below identifies these settings.</p>"
         f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table></div></section>'
     )

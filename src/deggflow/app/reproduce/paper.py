@@ -1,4 +1,4 @@
-"""The paper's own figures, as printed: the one place where they stand.
+"""The paper's own numbers, as printed.
 
 Lin, Egerstedt, Pasqualetti: Multi-Agent Flow Matching with Decoupled Generative Guidance.
 """
@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from deggflow.statistics import Rate
 
-CASES = 50  # of each row
+CASES = 50  # per row
 
 
 class BridgeSuccess(NamedTuple):
@@ -26,7 +26,7 @@ class SceneSuccess(NamedTuple):
 
 
 class Range(NamedTuple):
-    """The least and the greatest share that the text gives."""
+    """The least and the greatest ratio that the text states."""
 
     low: float
     high: float
@@ -77,7 +77,7 @@ TASK2_W2_STATE = {4: 0.206, 8: 0.345}
 TASK2_W2_POSE = {4: 0.205, 8: 0.337}
 TASK2_W2_SCENES = 50  # M
 
-# Spread of guided over that of nominal scenes, over N = 4..8
+# Spread of guided scenes over that of nominal ones, range over N = 4..8
 TASK2_SPREAD_STATE = Range(0.983, 0.999)
 TASK2_SPREAD_POSE = Range(0.991, 1.005)
 
@@ -85,5 +85,5 @@ TRAINING_SEEDS = 3  # of fig:task1_learning and fig:task2_learning
 
 
 def overall(rates: list[Rate]) -> Rate:
-    """All cases of several rows together."""
+    """The rate over all cases of several rows."""
     return Rate(sum(rate.successes for rate in rates), sum(rate.cases for rate in rates))

@@ -14,7 +14,7 @@ def weights(task: str) -> Path:
 
 
 def entries(sources: Sources) -> tuple[Entry, ...]:
-    """All experiments with the files that their results depend on.
+    """All experiments, with the files that their results depend on.
 
     Args:
         sources: Training curves to show, by task and seed.

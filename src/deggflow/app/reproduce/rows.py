@@ -1,4 +1,4 @@
-"""Rows of a long measurement, kept one by one: what stops it costs one row."""
+"""Rows of a long measurement, kept one by one: an interruption costs one row."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
@@ -16,24 +16,24 @@ R = TypeVar("R", bound=Written)
 def kept_rows(
     settings: Settings,
     name: str,
-    wanted: Mapping[str, Any],
+    identity: Mapping[str, Any],
     jobs: Sequence[Callable[[], R]],
     kind: type[R],
 ) -> list[R]:
-    """The jobs' rows in order; those that an earlier, stopped call measured are taken from its file.
+    """The jobs' rows in order; rows that an interrupted call measured are read from its file.
 
     Args:
-        settings: Where rows are kept; nowhere if it names no folder.
-        name: Of the file.
-        wanted: JSON values that tell these rows from others; rows of others are thrown away.
-        jobs: What makes each row.
-        kind: A dataclass, which the rows are of.
+        settings: Name the folder of the file; without a folder no rows are kept.
+        name: Name of the file.
+        identity: JSON values that distinguish these rows from others; a file of other rows is deleted.
+        jobs: One function per row, which measures it.
+        kind: Dataclass of the rows.
     """
     if settings.folder is None:
         return [job() for job in jobs]
     path = settings.folder / f"{name}.rows.jsonl"
     try:
-        ResumableOutput(path, wanted)
+        ResumableOutput(path, identity)
     except InputError:
         path.unlink()
-    return resumed_rows(jobs, kind, wanted, path)
+    return resumed_rows(jobs, kind, identity, path)

@@ -1,4 +1,4 @@
-"""Measuring: what is done is kept and not done again, whatever stops the run."""
+"""Measuring: each finished result is kept and never measured again, even if the run is interrupted."""
 
 import json
 import os
@@ -18,11 +18,16 @@ from deggflow.schema import parse_as
 
 from .experiment import UNMET, Experiment, Progress, Settings
 
-_SHORT = 12  # hexadecimal digits of a digest that people read
+_SHORT = 12  # hexadecimal digits of a digest in the report
 
 
 class Entry(NamedTuple):
-    """An experiment and the files that its result depends on: weights, curves."""
+    """An experiment with its input files.
+
+    Attributes:
+        experiment: The experiment.
+        inputs: Files that its result depends on: weights or curves.
+    """
 
     experiment: Experiment
     inputs: tuple[Path, ...] = ()
@@ -30,37 +35,53 @@ class Entry(NamedTuple):
 
 @dataclass(frozen=True)
 class Stored:
-    """A result as it stands in its file."""
+    """A result with its provenance, as its file holds it.
+
+    Attributes:
+        settings: What the result depends on, as by `identity`.
+        digest: Digest of the settings.
+        code: Digest of the sources that measured it.
+        machine: Where it was measured, as by `machine`.
+        seconds: Duration of the measurement.
+        content: Digest of all other fields, which detects changes of the file.
+        result: The result.
+    """
 
     settings: Mapping[str, Any]
-    digest: str  # of the settings
-    code: str  # digest of the sources that measured it
+    digest: str
+    code: str
     machine: Mapping[str, Any]
-    seconds: float  # it took
-    content: str  # digest of all the rest, which tells whether it still is what was measured
+    seconds: float
+    content: str
     result: Mapping[str, Any]
 
     @property
     def unmet(self) -> list[str]:
-        """Guided results that should be satisfied and are not."""
+        """Messages on results that are not as expected."""
         return list(self.result.get(UNMET, ()))
 
 
 class Watch(NamedTuple):
-    """Whom to tell."""
+    """Callbacks of a run.
 
-    begins: Callable[[str], None]  # the experiment's name
+    Attributes:
+        begins: Called with the name of an experiment before it.
+        says: Called with the current activity.
+        ends: Called with the name of an experiment and its new result; None if the result existed already.
+    """
+
+    begins: Callable[[str], None]
     says: Progress
-    ends: Callable[[str, Stored | None], None]  # None: its result was there already
+    ends: Callable[[str, Stored | None], None]
 
 
 def digest(content: bytes) -> str:
-    """A short name of some content."""
+    """A short digest of some content."""
     return sha256(content).hexdigest()[:_SHORT]
 
 
 def code_digest() -> str:
-    """Of the sources that results come from: the library and its tasks, not pictures and commands."""
+    """Digest of the sources that affect results: the library and its tasks, without pictures and commands."""
     root = Path(__file__).parents[2]
     parts = [path.relative_to(root) for path in root.rglob("*.py")]
     rooms = sorted(part for part in parts if part.parts[0] not in ("app", "view"))
@@ -68,8 +89,8 @@ def code_digest() -> str:
 
 
 def identity(entry: Entry, settings: Settings) -> dict[str, Any]:
-    """What a result depends on; with another identity it is measured anew."""
-    # Three names tell one task's files from another's, wherever the package is installed.
+    """What a result depends on; a result of another identity is measured again."""
+    # The last three path components identify a task's file, regardless of where the package is installed.
     inputs = {"/".join(path.parts[-3:]): digest(path.read_bytes()) for path in entry.inputs}
     return {
         "experiment": entry.experiment.name,
@@ -81,7 +102,7 @@ def identity(entry: Entry, settings: Settings) -> dict[str, Any]:
 
 
 def machine() -> dict[str, Any]:
-    """Where a result was measured."""
+    """The machine and the versions that a result is measured with."""
     affinity = getattr(os, "sched_getaffinity", None)
     return {
         "cores": len(affinity(0)) if affinity else os.cpu_count() or 1,
@@ -97,66 +118,66 @@ def result_path(out: Path, name: str) -> Path:
     return out / "results" / f"{name}.json"
 
 
-def stored(out: Path, entry: Entry, settings: Settings, say: Progress) -> Stored | None:
-    """The result that an earlier run left, if it is of the same settings and stands as it was written."""
+def read_result(out: Path, entry: Entry, settings: Settings, say: Progress) -> Stored | None:
+    """The result of an earlier run; None if there is none, if its settings differ, or if its file was changed."""
     path = result_path(out, entry.experiment.name)
     try:
-        found = read_json(path)
-        if found.get("settings") != identity(entry, settings) or "content" not in found:
+        value = read_json(path)
+        if value.get("settings") != identity(entry, settings) or "content" not in value:
             return None
-        known = parse_as(Stored, found)
-        if known.content != _content(known):
-            raise InputError("it does not hold what was measured", file=path)
+        stored = parse_as(Stored, value)
+        if stored.content != _content(stored):
+            raise InputError("its digest does not match its content", file=path)
     except FileNotFoundError:
         return None
     except InputError as error:
         say(f"{path} was changed after it was written and is not used: {error.reason}")
         return None
-    return known
+    return stored
 
 
-def _content(known: Stored) -> str:
-    return digest(json.dumps(asdict(replace(known, content="")), sort_keys=True).encode())
+def _content(stored: Stored) -> str:
+    return digest(json.dumps(asdict(replace(stored, content="")), sort_keys=True).encode())
 
 
-def measured(out: Path, entry: Entry, settings: Settings, say: Progress) -> Stored:
+def measure_result(out: Path, entry: Entry, settings: Settings, say: Progress) -> Stored:
     """Measures an experiment and writes its result."""
-    wanted = identity(entry, settings)
+    inputs = identity(entry, settings)
     start = time.perf_counter()
     result = entry.experiment.measure(settings, say)
     seconds = time.perf_counter() - start
-    found = Stored(
-        wanted,
-        digest(json.dumps(wanted, sort_keys=True).encode()),
+    stored = Stored(
+        inputs,
+        digest(json.dumps(inputs, sort_keys=True).encode()),
         code_digest(),
         machine(),
         round(seconds, 2),
         "",
         result,
     )
-    # Presented is what stands in the file, whether it was measured now or before: keys are text, tuples are lists.
-    found = parse_as(Stored, json.loads(json.dumps(asdict(found), allow_nan=False)))
-    found = replace(found, content=_content(found))
+    # JSON turns keys into text and tuples into lists: a new result must equal the one read from its file.
+    stored = parse_as(Stored, json.loads(json.dumps(asdict(stored), allow_nan=False)))
+    stored = replace(stored, content=_content(stored))
     write_atomically(
-        result_path(out, entry.experiment.name), json.dumps(asdict(found), indent=1) + "\n"
+        result_path(out, entry.experiment.name), json.dumps(asdict(stored), indent=1) + "\n"
     )
-    return found
+    return stored
 
 
 def results(
-    out: Path, entries: Sequence[Entry], settings: Settings, chosen: Sequence[str], watch: Watch
+    out: Path, entries: Sequence[Entry], settings: Settings, selection: Sequence[str], watch: Watch
 ) -> dict[str, Stored]:
-    """Results by name: those of the chosen experiments, measured where they are missing, and all others there are."""
-    found: dict[str, Stored] = {}
+    """Results by name: all existing ones, and the missing ones of the selected experiments, which are measured."""
+    by_name: dict[str, Stored] = {}
     for entry in entries:
         name = entry.experiment.name
-        if name in chosen:
+        if name in selection:
             watch.begins(name)
-        known = stored(out, entry, settings, watch.says)
-        if name in chosen:
-            fresh = measured(out, entry, settings, watch.says) if known is None else None
+        stored = read_result(out, entry, settings, watch.says)
+        if name in selection:
+            fresh = measure_result(out, entry, settings, watch.says) if stored is None else None
             watch.ends(name, fresh)
-            known = known or fresh
-        if known is not None:
-            found[name] = known
-    return found
+            stored = stored or fresh
+        if stored is not None:
+            by_name[name] = stored
+    return by_name

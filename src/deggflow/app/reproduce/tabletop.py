@@ -25,7 +25,7 @@ from .paper import CASES, TASK2_FAMILIES, TASK2_SUCCESS, SceneSuccess, overall
 from .words import listed, proportion
 
 SIZES = tuple(TASK2_SUCCESS)
-LARGE = 12  # all types of object at once
+LARGE = 12  # objects: one of every type
 SEEN = 6  # most objects in a training scene
 MAX_DRAWS = 8
 TITLES = {
@@ -44,24 +44,24 @@ class TabletopSuccess:
     name = "tabletop_success"
 
     def measure(self, settings: Settings, say: Progress) -> Mapping[str, Any]:
-        """Nominal and guided scenes under randomly changed requirements, N = 4 to 8 and, in full, 12."""
+        """Nominal and guided scenes under randomly changed requirements, N = 4 to 8; a full run adds 12."""
         sizes = SIZES if settings.quick else (*SIZES, LARGE)
         grid = [("changed", size) for size in sizes]
         return _evaluated(grid, settings.cases(1_000, 16), settings.seed, say)
 
     def present(self, result: Mapping[str, Any], settings: Settings) -> Section:
-        """The table beside the paper's, and both as curves over N."""
+        """The table with the paper's values, and both as curves over N."""
         rows = _rows(result)
-        known = [row for row in rows if row.size in SIZES]
-        ours, theirs = _sum(known), _paper_sum(list(TASK2_SUCCESS.values()))
+        of_paper = [row for row in rows if row.size in SIZES]
+        ours, theirs = _sum(of_paper), _paper_sum(list(TASK2_SUCCESS.values()))
         lines = [_line(_size_title(row.size), [row], TASK2_SUCCESS.get(row.size)) for row in rows]
-        lines.append(_line(f"{SIZES[0]} to {SIZES[-1]}", known, theirs))
+        lines.append(_line(f"{SIZES[0]} to {SIZES[-1]}", of_paper, theirs))
         table = DataTable(
             "tabletop_success",
             "Success for Task 2. Nominal default: the nominal scene under the default requirements; nominal changed: "
-            "the same scene under the changed ones; guided: from the same z(0). Unsatisfied: cases that no draw of "
-            f"{MAX_DRAWS} satisfied. Refuted: claims of success that an independent oracle (Shapely) found false. "
-            f"The paper's: {CASES} cases a row.",
+            "the same scene under the changed ones; guided: from the same z(0). Unsatisfied: cases that none of "
+            f"{MAX_DRAWS} draws satisfied. Refuted: claims of success that an independent oracle (Shapely) found false. "
+            f"The paper has {CASES} cases per row.",
             _columns("N"),
             lines,
         )
@@ -72,7 +72,7 @@ class TabletopSuccess:
         )
         return Section(
             title="Task 2: success over the number of objects",
-            paper="tab:task2_success. 50 cases for each N = 4 to 8; guided satisfies all requirements in all 250.",
+            paper="tab:task2_success. 50 cases for each N = 4 to 8; guided scenes satisfy all requirements in all 250.",
             text=(_method(result), _difference(), _conditions(rows)),
             tables=(table,),
             plots=(plot,),
@@ -98,13 +98,13 @@ class TabletopFamilies:
         return _evaluated(grid, settings.cases(128, 4), settings.seed, say)
 
     def present(self, result: Mapping[str, Any], settings: Settings) -> Section:
-        """The table over all N beside the paper's, the same for each N, and both as a figure."""
+        """The table over all N with the paper's values, the same for each N, and a figure."""
         rows = _rows(result)
         family = {name: [row for row in rows if row.requirements == name] for name in TITLES}
         whole = DataTable(
             "tabletop_families",
-            f"Success under five families of requirements, N = {SIZES[0]} to {SIZES[-1]} together. The paper's: {CASES} "
-            "cases a row.",
+            f"Success under five families of requirements, N = {SIZES[0]} to {SIZES[-1]} together. The paper has {CASES} "
+            "cases per row.",
             _columns("requirements"),
             [_line(TITLES[name], family[name], TASK2_FAMILIES[name]) for name in TITLES],
         )
@@ -122,11 +122,11 @@ class TabletopFamilies:
         theirs = _paper_sum(list(TASK2_FAMILIES.values()))
         return Section(
             title="Task 2: families of requirements",
-            paper="tab:task2_families. Five families, 50 cases each (10 for each N = 4 to 8); guided satisfies all.",
+            paper="tab:task2_families. Five families, 50 cases each (10 for each N = 4 to 8); all guided scenes satisfy their requirements.",
             text=(
                 _method(result)
-                + " Every family asks for the same objects from the same z(0), so nominal default is "
-                "the same in each row; the paper drew other cases for each family.",
+                + " All families use the same objects and the same z(0), so nominal default is the same in each "
+                "row; the paper drew different cases for each family.",
             ),
             tables=(whole, each),
             plots=(plot,),
@@ -163,7 +163,7 @@ def _unmet(row: Evaluation) -> list[str]:
     counts = {
         f"not satisfied within {MAX_DRAWS} draws": row.cases - row.satisfied,
         "claimed satisfied and refuted": row.refuted,
-        "refused although the theorem's hypotheses hold": row.contradicted,
+        "not satisfied although the theorem's hypotheses hold": row.contradicted,
     }
     return [f"{place}: {n} of {row.cases} {what}" for what, n in counts.items() if n]
 
@@ -173,7 +173,7 @@ def _rows(result: Mapping[str, Any]) -> list[Evaluation]:
 
 
 def _sum(rows: Sequence[Evaluation]) -> SceneSuccess:
-    """All cases of the rows together; guided on the first draw."""
+    """Rates over all cases of the rows; guided on the first draw."""
     counts = [(row.nominal_default, row.nominal_changed, row.first_draw) for row in rows]
     cases = sum(row.cases for row in rows)
     return SceneSuccess(*(Rate(sum(column), cases) for column in zip(*counts, strict=True)))
@@ -192,8 +192,8 @@ def _columns(*first: str, paper: bool = True) -> list[str]:
 
 def _line(first: str, rows: Sequence[Evaluation], theirs: SceneSuccess | None) -> list[Any]:
     cases, *rates, never, refuted = _ours(rows)
-    given = theirs or (None, None, None)
-    pairs = [each for pair in zip(map(proportion, given), rates, strict=True) for each in pair]
+    of_paper = theirs or (None, None, None)
+    pairs = [each for pair in zip(map(proportion, of_paper), rates, strict=True) for each in pair]
     return [first, cases, *pairs, never, refuted]
 
 
@@ -231,17 +231,17 @@ def _family_series(family: Mapping[str, Sequence[Evaluation]]) -> list[RateSerie
 
 def _method(result: Mapping[str, Any]) -> str:
     return (
-        f"{result['cases']:,} random cases a row, seed {result['seed']}, judged by exact geometry in float64. The field was "
+        f"{result['cases']:,} random cases per row, seed {result['seed']}, judged by exact geometry in float64. The field was "
         f"trained on scenes of 4, 5 and {SEEN} objects under default requirements only."
     )
 
 
 def _difference() -> str:
     return (
-        "Our nominal field keeps the default requirements more often than the paper's, as its training scenes were "
-        "made with free space around objects and regions. How often the same scene survives changed requirements depends "
-        "on how these are drawn, which the paper does not say in full: here each object draws one of the four changes. So "
-        "guided is to be compared with guided, and each nominal column with its guided neighbour."
+        "Our nominal field satisfies the default requirements more often than the paper's because its training scenes have "
+        "free space around objects and regions. How often a nominal scene satisfies changed requirements depends on their "
+        "distribution, which the paper does not specify in full; here each object draws one of the four changes. Compare "
+        "our guided column with the paper's guided column, and each nominal column with the guided column of the same study."
     )
 
 
@@ -250,7 +250,7 @@ def _conditions(rows: Sequence[Evaluation]) -> str:
     wrong = sum(row.contradicted for row in rows)
     return (
         f"The theorem's hypotheses (rows feasible, V below its limit at every accepted point) hold along {hold:,} of {cases:,} "
-        f"first draws; {wrong} of these were refused by the verdict."
+        f"first draws; the verdict refused {wrong} of these."
     )
 
 

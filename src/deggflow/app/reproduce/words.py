@@ -1,4 +1,4 @@
-"""How measured rates are said in the report."""
+"""Rates and numbers as text of the report."""
 
 import math
 
@@ -8,12 +8,12 @@ _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def proportion(rate: Rate | None) -> str | None:
-    """A rate that somebody else counted."""
+    """A rate of the paper as a percentage."""
     return None if rate is None else f"{100 * rate.proportion:.3g}%"
 
 
 def listed(rates: list[Rate]) -> str:
-    """Rates out of equally many cases, in one line of the summary."""
+    """Several rates with the same number of cases, as one line of the summary."""
     return " / ".join(f"{100 * rate.proportion:.1f}%" for rate in rates) + f" of {rates[0].cases:,}"
 
 
@@ -23,7 +23,7 @@ def cases(count: int) -> str:
 
 
 def scientific(value: float) -> str:
-    """A few digits of a number of any size."""
+    """A number of any magnitude with few digits."""
     if value == 0 or 1e-3 <= abs(value) < 1e3:
         return f"{value:.3g}"
     mantissa, exponent = f"{value:.1e}".split("e")
@@ -31,7 +31,7 @@ def scientific(value: float) -> str:
 
 
 def from_log(log: float) -> str:
-    """A number of any size from its natural logarithm."""
+    """A number of any magnitude, given by its natural logarithm."""
     if abs(log) < 100:
         return scientific(math.exp(log))
     exponent = math.floor(log / math.log(10))

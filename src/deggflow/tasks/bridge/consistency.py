@@ -22,7 +22,7 @@ TOLERANCE = (
 SINGLE = 1e-4  # of 1 + |q|, and m/s: by which what a generation saw in float32 may be off
 DIVERGED = 1e9  # stands for q_task and q_safe of a generation that diverged
 UNVERIFIED: Unverified = {
-    "condition.goal": "but by --conditions",
+    "condition.goal": "except with --conditions",
     "condition.contacts": "but where a margin, a factor or a speed shows it, or by --conditions",
     "seed": "",
     "certificate.draws": "but that it is the most of a policy",

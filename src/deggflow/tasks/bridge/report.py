@@ -16,7 +16,7 @@ _FAILURES = {
     "support_lost": "plank loses support",
     "robot_leaves": "robot leaves",
     "robot_in_gap": "robot in the gap",
-    "time_out": "time ran out",
+    "time_out": "timeout",
     "other": "other",
 }
 
@@ -56,7 +56,7 @@ class SuccessEvaluation(AbstractEvaluation[Evaluation]):
         ]
 
     def _success(self, rows: Sequence[Evaluation]) -> Table:
-        counted = f"{self.options.trials} trials a row, seed {self.options.seed}"
+        counted = f"{self.options.trials} trials per row, seed {self.options.seed}"
         return Table(
             f"Bridge: success, {counted}, 95% Wilson intervals",
             ("N", "nominal", "guided", "blocked", "least margin", "refuted"),
@@ -71,9 +71,9 @@ class SuccessEvaluation(AbstractEvaluation[Evaluation]):
                 )
                 for row in rows
             ],
-            "The same starts and z(0) in both columns. blocked: guided trials that do not bridge the gap; least "
-            "margin: of everything guided trials executed, to any failure; refuted: outcomes, nominal or guided, that "
-            "a replay by Shapely found false.",
+            "Nominal and guided trials have the same starts and z(0). blocked: guided trials that do not bridge the gap; "
+            "least margin: smallest distance to any failure over all executed guided motions; refuted: outcomes, nominal "
+            "or guided, that a replay by Shapely found false.",
         )
 
     def _policies(self, rows: Sequence[Evaluation]) -> Table:
@@ -105,8 +105,8 @@ class SuccessEvaluation(AbstractEvaluation[Evaluation]):
 
 def _nominal_failures(rows: Sequence[Evaluation]) -> Table:
     return Table(
-        "Bridge: how nominal trials fail",
-        ("N", "failed", *_FAILURES.values()),
+        "Bridge: failures of nominal trials",
+        ("N", "failures", *_FAILURES.values()),
         [
             (row.size, row.trials - row.nominal, *(row.failures[kind] for kind in _FAILURES))
             for row in rows
@@ -137,10 +137,10 @@ class HardEvaluation(AbstractEvaluation[HardPolicies]):
         """What became of the policies, and why the others were refused."""
         options = self.options
         table = Table(
-            f"Bridge: guided policies from hard states, {options.hard} a row, seed {options.seed}, 95% Wilson intervals",
+            f"Bridge: guided policies from hard states, {options.hard} per row, seed {options.seed}, 95% Wilson intervals",
             (
                 "N", "first draw met", f"accepted, <= {options.max_draws} draws", "above a bound",
-                "refuted", "hypotheses hold", "forced", "largest miss refused",
+                "refuted", "hypotheses hold", "with forced steps", "largest rejected excess",
             ),
             [
                 (
@@ -155,13 +155,14 @@ class HardEvaluation(AbstractEvaluation[HardPolicies]):
                 )
                 for row in rows
             ],
-            "Hard: within 0.1 m, either way, of the factors' buffers to a wall, to the gap or to lost support; three of four "
-            "on the move. above a bound: accepted, and q_task or q_safe ends above it in float64; refuted: accepted, and "
-            "Shapely finds something broken on the way; hypotheses hold: accepted, and so at every point of the generation; "
-            "forced: accepted, with a step taken above a limit on the way; largest miss refused: of a factor over its bound.",
+            "Hard states: at most 0.1 m inside or outside the factors' buffers to a wall, to the gap or to lost support; three "
+            "of four states are in motion. above a bound: accepted, although q_task or q_safe ends above its bound in float64; "
+            "refuted: accepted, although Shapely finds a violation during execution; hypotheses hold: accepted, and they hold at "
+            "every point of the generation; with forced steps: accepted, with a forced step during the generation; largest "
+            "rejected excess: largest excess of a factor over its bound among rejected policies.",
         )  # fmt: skip
         blocked = blocked_texts(rows)
-        text = "\n".join(["No draw accepted, the team stops:", *blocked])
+        text = "\n".join(["No draw was accepted and the team stops:", *blocked])
         return [table, *([text] if blocked else [])]
 
     def complete(self, rows: Sequence[HardPolicies]) -> bool:
@@ -194,8 +195,16 @@ class ModesEvaluation(AbstractEvaluation[Modes]):
         options = self.options
         return [
             Table(
-                f"Bridge: sides, {options.modes} from one symmetric start, seed {options.seed}, 95% Wilson intervals",
-                ("", "bridged", "left", "right", "farthest from the middle: 5%", "median", "95%"),
+                f"Bridge: sides of passage, {options.modes} from one symmetric start, seed {options.seed}, 95% Wilson intervals",
+                (
+                    "source",
+                    "bridged",
+                    "left",
+                    "right",
+                    "farthest from the middle: 5%",
+                    "median",
+                    "95%",
+                ),
                 [
                     (
                         row.source,
@@ -206,8 +215,8 @@ class ModesEvaluation(AbstractEvaluation[Modes]):
                     )
                     for row in rows
                 ],
-                "left, right: where the plank's centre is farthest from the straight way between start and goal; "
-                "farthest: how far that is.",
+                "left, right: side on which the plank's centre is farthest from the straight line between start and goal; "
+                "farthest from the middle: that distance.",
             )
         ]
 

@@ -21,7 +21,7 @@ TOLERANCE = 1e-6  # m by which margins may be off, as they were rounded; of V it
 SINGLE = 1e-5  # m by which what a generation saw in float32 may be off
 DIVERGED = "the generation diverged to numbers that are not finite"
 UNVERIFIED: Unverified = {
-    "condition": "but by --conditions",
+    "condition": "except with --conditions",
     "objects[].x": "where another one leaves all that is said true",
     "objects[].y": "likewise",
     "objects[].theta": "likewise",

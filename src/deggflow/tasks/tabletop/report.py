@@ -48,7 +48,7 @@ class SuccessEvaluation(AbstractEvaluation[Evaluation]):
     def _success(self, rows: Sequence[Evaluation]) -> Table:
         options = self.options
         return Table(
-            f"Tabletop: success, {options.cases} cases a row, seed {options.seed}, 95% Wilson intervals",
+            f"Tabletop: success, {options.cases} cases per row, seed {options.seed}, 95% Wilson intervals",
             (
                 "N", "requirements", "nominal default", "nominal changed", "guided, first draw",
                 f"guided, <= {options.max_draws} draws", "most draws", "refuted",
@@ -72,10 +72,10 @@ class SuccessEvaluation(AbstractEvaluation[Evaluation]):
 
     def _first_draws(self, rows: Sequence[Evaluation]) -> Table:
         return Table(
-            "On the way of the first draws",
+            "Tabletop: generation of the first draws",
             (
-                "N", "requirements", "hypotheses hold", "contradicted", "with a forced step",
-                "evaluations: median, 99%, most",
+                "N", "requirements", "hypotheses hold", "contradicted", "with forced steps",
+                "evaluations: median, 99%, max",
             ),
             [
                 (
@@ -88,8 +88,8 @@ class SuccessEvaluation(AbstractEvaluation[Evaluation]):
                 )
                 for row in rows
             ],
-            "hypotheses hold: rows feasible and V below its limit at every accepted point of the first draw; contradicted: "
-            "these, and yet refused by the verdict; evaluations: of the guided field (100 steps and the end: 101).",
+            "hypotheses hold: rows feasible and V below its limit at every accepted point of the first draw; contradicted: the "
+            "hypotheses hold, but the verdict refuses the scene; evaluations: of the guided field (101 for 100 steps and the end).",
         )  # fmt: skip
 
     def complete(self, rows: Sequence[Evaluation]) -> bool:
@@ -124,7 +124,7 @@ class AllocationComparison(AbstractEvaluation[Comparison]):
         options = self.options
         return [
             Table(
-                f"Tabletop: first draws, {options.cases} cases a row, seed {options.seed}, 95% Wilson intervals",
+                f"Tabletop: first draws, {options.cases} cases per row, seed {options.seed}, 95% Wilson intervals",
                 ("N", "requirements", "allocation", "re-anchored", "guided, first draw", "deviation"),
                 [
                     (
@@ -137,7 +137,7 @@ class AllocationComparison(AbstractEvaluation[Comparison]):
                     )
                     for (family, *_), row in zip(self.points, rows, strict=True)
                 ],
-                "Same cases and z(0) in every row of a size. deviation: RMS distance to the nominal sample, in z, per object.",
+                "All rows of a size have the same cases and z(0). deviation: RMS distance to the nominal sample, in z, per object.",
             )
         ]  # fmt: skip
 
