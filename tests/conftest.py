@@ -1,10 +1,29 @@
 import gc
+import os
 from pathlib import Path
 
 import jax
 import pytest
 
 jax.config.update("jax_numpy_rank_promotion", "raise")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def compiled_programs(tmp_path_factory):
+    """A folder of compiled programs that a worker's tests and the processes that they start share.
+
+    Each worker has its own, as JAX's writing of an entry is not atomic.
+    """
+    folder = tmp_path_factory.mktemp("programs")
+    settings = {
+        "jax_compilation_cache_dir": str(folder / "xla"),
+        "jax_persistent_cache_min_compile_time_secs": 0.0,
+        "jax_persistent_cache_min_entry_size_bytes": 0,
+    }
+    for name, value in settings.items():
+        jax.config.update(name, value)
+        os.environ[name.upper()] = str(value)
+    return folder
 
 
 @pytest.fixture

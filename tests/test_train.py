@@ -1,7 +1,6 @@
 """Training: averages without bias, runs that are killed and extended, and folders that hold other runs."""
 
 import json
-import os
 import shutil
 import signal
 import subprocess
@@ -544,7 +543,6 @@ def test_the_loss_falls(tmp_path):
 def test_killed_training_resumes_to_the_same_weights(tmp_path):
     """SIGKILL three times at random moments, then to the end."""
     program = PROGRAM.format(tests=str(Path(__file__).parent))
-    environment = {**os.environ, "JAX_COMPILATION_CACHE_DIR": str(tmp_path / "cache")}
     rng = np.random.default_rng(0)
 
     def start(folder):
@@ -553,11 +551,10 @@ def test_killed_training_resumes_to_the_same_weights(tmp_path):
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             text=True,
-            env=environment,
         )
 
     whole = start(tmp_path / "whole")
-    assert whole.communicate(timeout=240)[0].split()[-1] == "400"
+    assert whole.communicate()[0].split()[-1] == "400"
     folder, reached = tmp_path / "killed", 0
     for _ in range(3):
         process = start(folder)
@@ -570,7 +567,7 @@ def test_killed_training_resumes_to_the_same_weights(tmp_path):
         process.communicate()
         reached = step
     last = start(folder)
-    last.communicate(timeout=240)
+    last.communicate()
     assert last.returncode == 0
     one, other = (load_file(tmp_path / name / "end.safetensors") for name in ("whole", "killed"))
     for name, value in one.items():

@@ -12,9 +12,9 @@ from deggflow.app.cli import main
 
 
 @pytest.fixture(scope="session")
-def environment(tmp_path_factory):
+def environment(compiled_programs):
     """Compiled programs are shared between the processes of the tests, and with nobody else."""
-    return {**os.environ, "DEGGFLOW_CACHE": str(tmp_path_factory.mktemp("cache"))}
+    return {**os.environ, "DEGGFLOW_CACHE": str(compiled_programs)}
 
 
 @pytest.fixture(scope="session")

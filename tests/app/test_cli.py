@@ -72,6 +72,8 @@ def test_damaged_compiled_programs_are_told_once_and_renewed(environment, tmp_pa
             "generate",
             "--size",
             "2",
+            "--guidance",
+            "none",
         ]
         return subprocess.run(
             command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
@@ -253,7 +255,7 @@ def test_a_trace_is_kept_with_every_requirement(inside, tmp_path):
 
 @pytest.mark.slow
 def test_a_killed_generation_loses_no_line_and_ends_the_same(deggflow, inside, tmp_path):
-    arguments = ("tabletop", "generate", "--size", 4, "--count", 1536, "--seed", 3)
+    arguments = ("tabletop", "generate", "--size", 4, "--count", 1100, "--seed", 3)
     assert inside(*arguments, "--out", "whole.jsonl").returncode == 0
     rng, out = np.random.default_rng(0), tmp_path / "killed.jsonl"
     before = b""
@@ -277,7 +279,7 @@ def test_a_killed_generation_loses_no_line_and_ends_the_same(deggflow, inside, t
     assert inside(*arguments, "--out", out).returncode == 0
     assert out.read_bytes() == (tmp_path / "whole.jsonl").read_bytes()
     assert deggflow(*arguments, "--out", out).returncode == 0  # complete: nothing is added
-    assert len(out.read_text().splitlines()) == 1536
+    assert len(out.read_text().splitlines()) == 1100
     other = deggflow(*arguments, "--guidance", "none", "--out", out)
     assert other.returncode == 2
     assert "begun with guidance" in other.stderr

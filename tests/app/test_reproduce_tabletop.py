@@ -9,21 +9,24 @@ import jax
 import numpy as np
 import pytest
 
+from deggflow.app.reproduce import curves as curves_module
+from deggflow.app.reproduce import deviation as deviation_module
 from deggflow.app.reproduce import tabletop
-from deggflow.app.reproduce.curves import TrainingCurves, _curves_in, bands
-from deggflow.app.reproduce.deviation import _bound_violations
+from deggflow.app.reproduce.curves import TrainingCurves, bands, shipped_curves
+from deggflow.app.reproduce.deviation import SceneDeviations
 from deggflow.app.reproduce.deviation_section import section_of
 from deggflow.app.reproduce.evolution import evolution, first_pair, in_words
 from deggflow.app.reproduce.examples import LeftHanded, left_handed, pairs_apart
 from deggflow.app.reproduce.experiment import UNMET, Settings
 from deggflow.app.reproduce.retrain import plan
 from deggflow.app.reproduce.words import from_log, listed, proportion, scientific
-from deggflow.deviation import Deviation
+from deggflow.deviation import Bounds, Deviation
 from deggflow.jsonl import InputError
 from deggflow.statistics import Rate
 from deggflow.tasks.tabletop import evaluate as evaluation
 from deggflow.tasks.tabletop.changes import random_conditions
 from deggflow.tasks.tabletop.condition import SceneCondition
+from deggflow.tasks.tabletop.deviation import SceneDeviation, TheoremDeviation
 from deggflow.tasks.tabletop.field import build_field
 from deggflow.tasks.tabletop.generator import TabletopGenerator, initial_noise
 from deggflow.tasks.tabletop.requirements import tabletop_guidance
@@ -121,12 +124,15 @@ def curves_file(path, count=4, offset=0.0):
     return path
 
 
-def test_curves_of_as_many_seeds_as_are_there_are_shown(tmp_path):
-    curves_file(tmp_path / "curves.csv")
-    assert list(_curves_in(tmp_path)) == [0]
-    curves_file(tmp_path / "curves_seed2.csv", 3, offset=1.0)
-    (tmp_path / "curves_seedling.csv").touch()
-    found = _curves_in(tmp_path)
+def test_curves_of_as_many_seeds_as_are_there_are_shown(tmp_path, monkeypatch):
+    folder = tmp_path / "tabletop/weights"
+    folder.mkdir(parents=True)
+    monkeypatch.setattr(curves_module, "files", lambda package: tmp_path)
+    curves_file(folder / "curves.csv")
+    assert list(shipped_curves()["tabletop"]) == [0]
+    curves_file(folder / "curves_seed2.csv", 3, offset=1.0)
+    (folder / "curves_seedling.csv").touch()
+    found = shipped_curves()["tabletop"]
     assert list(found) == [0, 2]
     one = {0: found[0]}
     experiment = TrainingCurves({"bridge": one, "tabletop": found})
@@ -150,9 +156,10 @@ def test_curves_of_as_many_seeds_as_are_there_are_shown(tmp_path):
 
 
 def test_files_that_hold_no_curves_are_refused(tmp_path):
-    (tmp_path / "curves.csv").write_text("step,training\n1,2\n")
+    path = tmp_path / "curves.csv"
+    path.write_text("step,training\n1,2\n")
     with pytest.raises(InputError, match="not a file of training curves"):
-        TrainingCurves({"bridge": _curves_in(tmp_path)}).measure(Settings(), lambda text: None)
+        TrainingCurves({"bridge": {0: path}}).measure(Settings(), lambda text: None)
 
 
 @pytest.mark.parametrize("task", ["bridge", "tabletop"])
@@ -247,12 +254,20 @@ def test_the_deviation_stands_beside_the_papers_and_below_its_bounds():
     assert "34.5%" not in quick.summary[0].paper
 
 
-def test_a_sample_above_the_bound_that_holds_for_its_steps_is_told():
-    (fine,), (wrong,) = (
-        deviation_result(8, log_held=log)["rows"] for log in (math.log(0.6) + 1e-9, math.log(0.59))
-    )
-    assert _bound_violations(fine) == _bound_violations({"size": 8}) == []
-    assert _bound_violations(wrong) == ["deviation, N = 8: above the theorem's bound"]
+def test_a_sample_above_the_bound_that_holds_for_its_steps_is_told(monkeypatch):
+    def unmet(log_held):
+        """Of both sizes; the quick experiment evaluates the theorem for the first of them alone."""
+        (row,) = deviation_result(4, log_held=log_held)["rows"]
+        distance = SceneDeviation(*(Deviation(**row["scenes"][space]) for space in row["scenes"]))
+        sides = TheoremDeviation(
+            **{**row["theorem"], "log_bounds": Bounds(**row["theorem"]["log_bounds"])}
+        )
+        monkeypatch.setattr(deviation_module, "deviation_of_scenes", lambda *_: distance)
+        monkeypatch.setattr(deviation_module, "deviation_of_theorem", lambda *_: sides)
+        return SceneDeviations().measure(Settings(quick=True), lambda text: None)[UNMET]
+
+    assert unmet(math.log(0.6) + 1e-9) == []
+    assert unmet(math.log(0.59)) == ["deviation, N = 4: above the theorem's bound"]
 
 
 def test_rates_and_small_numbers_are_said_as_one_says_them():

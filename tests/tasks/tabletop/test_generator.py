@@ -159,10 +159,19 @@ def test_at_least_one_draw(nominal, conditions, limit):
         nominal.scenes(conditions, max_draws=limit)
 
 
+class Runaway(eqx.Module):
+    """The same velocity everywhere; one compiled program serves every speed."""
+
+    speed: jax.Array
+
+    def __call__(self, tau, z, condition):
+        return jnp.full_like(z, 1.0) * self.speed
+
+
 @pytest.mark.parametrize("speed", [math.nan, math.inf, 1e30, 1e9])
 def test_a_diverging_field_is_said_to_diverge(speed):
     """Finite numbers in the file, a line that can be read back, and no claim."""
-    runaway = TabletopGenerator(lambda tau, z, condition: jnp.full_like(z, speed), steps=2)
+    runaway = TabletopGenerator(Runaway(jnp.asarray(speed)), steps=2)
     conditions = [SceneCondition(("laptop",)), SceneCondition(("laptop", "teacup"))]
     for scene, text in zip(
         (made := runaway.scenes(conditions, max_draws=2)), lines(made), strict=True
@@ -189,15 +198,6 @@ def test_a_diverged_draw_is_never_closer_than_a_finite_one():
     np.testing.assert_array_equal(scene.poses, finite)
 
 
-class Runaway(eqx.Module):
-    """The same velocity everywhere; one compiled program serves every speed."""
-
-    speed: jax.Array
-
-    def __call__(self, tau, z, condition):
-        return jnp.full_like(z, 1.0) * self.speed
-
-
 @pytest.mark.parametrize("speed", [math.nan, math.inf, 1e30, 0.0])
 def test_a_guided_generation_is_on_record_even_if_it_diverges(speed):
     """In finite numbers that a file holds, with the trace of it."""
@@ -205,7 +205,8 @@ def test_a_guided_generation_is_on_record_even_if_it_diverges(speed):
         Runaway(jnp.asarray(speed)), tabletop_guidance(), steps=2, guard=StepGuard(1)
     )
     condition = SceneCondition(("laptop", "teacup"))
-    (scene,) = guided.scenes([condition], max_draws=1, keep_trace=True)
+    # A program for one scene alone would hold the speed as a constant.
+    scene, _ = guided.scenes([condition] * 2, max_draws=1, keep_trace=True)
     made = scene.certificate.generation
     assert parse_scene(json.loads(*lines([scene]))).certificate == scene.certificate
     assert len(made.trace.tau) == 3
