@@ -1,58 +1,36 @@
-"""Entry point of the `deggflow` command: at any moment Ctrl-C ends it with a one-line message."""
+"""Where the `deggflow` command begins: Ctrl-C ends it in one line, from its first moment to its last."""
 
 import os
 import signal
-import sys
-from types import TracebackType
-from typing import Protocol
 
 INTERRUPTED = 130
 MESSAGE = "deggflow: interrupted; with --out, rerun the command to resume"
+SHOW_CURSOR = "\x1b[?25h"  # progress bars hide it
 
 
-class Unraisable(Protocol):
-    """The argument of `sys.unraisablehook`."""
+def leave(*_: object) -> None:
+    """Handles SIGINT: says so, and ends the process at once.
 
-    exc_type: type[BaseException]
-    exc_value: BaseException | None
-    exc_traceback: TracebackType | None
+    An exception would have to pass whatever runs at the moment. Callbacks of the garbage collector drop it, extensions
+    that are being loaded turn it into another one, and some native code crashes. Files survive this as they survive a
+    kill: lines are flushed as they are finished, and everything else is replaced atomically.
+    """
+    text = SHOW_CURSOR + MESSAGE if os.isatty(2) else MESSAGE
+    os.write(2, text.encode() + b"\n")
+    os._exit(INTERRUPTED)
 
 
 def main() -> None:
     """Runs the command."""
-    interrupted = False
-
-    def interrupt(*_: object) -> None:
-        nonlocal interrupted
-        interrupted = True
-        raise KeyboardInterrupt
-
-    show = sys.unraisablehook
-
-    def hook(unraisable: Unraisable) -> None:
-        """Python drops exceptions in callbacks of its garbage collector, including Ctrl-C."""
-        if not issubclass(unraisable.exc_type, KeyboardInterrupt):
-            show(unraisable)  # type: ignore[arg-type]
-            return
-        print(MESSAGE, file=sys.stderr, flush=True)
-        os._exit(INTERRUPTED)  # files survive this as they survive a kill
-
     # It is ignored in the background jobs of a shell.
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
-        signal.signal(signal.SIGINT, interrupt)
-    sys.unraisablehook = hook
+        signal.signal(signal.SIGINT, leave)
     try:
         from .cli import main as run
 
         run()
-    except (Exception, KeyboardInterrupt):
-        if not interrupted:
-            raise
-        # Whatever it became: an extension that is interrupted while it is loaded raises ImportError.
-        print(MESSAGE, file=sys.stderr)
-        sys.exit(INTERRUPTED)
     finally:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process is ending
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # only the interpreter's own exit remains
 
 
 if __name__ == "__main__":
