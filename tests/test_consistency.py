@@ -156,11 +156,11 @@ def test_the_first_difference_is_told():
     assert first_difference(asked, copy.deepcopy(asked)) is None
     assert first_difference(asked, {"a": [1.0, {"b": 2}], "c": None}) is None
     for given, text in (
-        ({"a": [1, {"b": 3}], "c": 1}, "field `a[1].b` is 3; asked for was 2.0"),
-        ({"a": [1], "c": None}, "field `a` has 1 entries; asked for were 2"),
-        ({"a": asked["a"]}, "field `c` is missing; asked for was null"),
-        ({**asked, "d": 1}, "field `d` is 1; nothing like it was asked for"),
-        ({**asked, "c": {"x": 1}}, 'field `c` is {"x": 1}; asked for was null'),
+        ({"a": [1, {"b": 3}], "c": 1}, "field `a[1].b` is 3; 2.0 was requested"),
+        ({"a": [1], "c": None}, "field `a` has 1 entries; 2 were requested"),
+        ({"a": asked["a"]}, "field `c` is missing; null was requested"),
+        ({**asked, "d": 1}, "field `d` is 1, which was not requested"),
+        ({**asked, "c": {"x": 1}}, 'field `c` is {"x": 1}; null was requested'),
     ):
         assert str(first_difference(asked, given)) == text
 
@@ -168,5 +168,5 @@ def test_the_first_difference_is_told():
 def test_what_is_not_verified_is_named_in_one_line():
     line = unverified_line({"seed": "", **{f"c.generation.{k}": v for k, v in RECORD.items()}})
     assert len(line.splitlines()) == 1
-    assert line.startswith("Not to be verified from the file: seed, c.generation.{first_failure (")
+    assert line.startswith("Cannot be verified from the file: seed, c.generation.{first_failure (")
     assert line.endswith("trace (before its end)}.")

@@ -1,4 +1,4 @@
-"""Large batches as blocks that a core's cache holds, one core each."""
+"""Large batches in blocks that fit a core's cache, with one core per block."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -12,8 +12,8 @@ from jaxtyping import Int
 A = TypeVar("A")
 B = TypeVar("B")
 
-BLOCK = 64  # samples; the messages of eight times as many leave the cache, and each sample takes twice as long
-
+# Samples. The messages of eight times as many no longer fit the cache, and each sample takes twice as long.
+BLOCK = 64
 
 # Sizes of compiled batches; the last partial batch is padded to one of them.
 BATCHES = (1, 16, 64, 128, 512)
@@ -25,24 +25,24 @@ def padded_batch(samples: int) -> int:
 
 
 def cores() -> int:
-    """How many cores this process may use."""
+    """Number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def blocks(count: int) -> list[Int[np.ndarray, " samples"]]:
-    """Numbers of samples by block; all are full but the last."""
+    """Indices of samples by block; all blocks but the last are full."""
     return [np.arange(k, min(k + BLOCK, count)) for k in range(0, count, BLOCK)]
 
 
 def map_blocks(call: Callable[[A], B], parts: Sequence[A], *, compiled: bool = False) -> list[B]:
-    """What `call` makes of each part, in order: one thread to a core, as a program of small arrays uses only one.
+    """Results of `call` for each part, in order, with one thread per core: a program of small arrays uses only one core.
 
     Args:
         call: Runs a compiled program and waits for its result.
-        parts: What to call it with.
-        compiled: Whether the program is compiled already; if not, the first part compiles it for the others.
+        parts: Arguments of the calls.
+        compiled: Whether the program is compiled already; if not, the first call compiles it for the others.
     """
     if len(parts) < 2 or cores() < 2:
         return [call(part) for part in parts]

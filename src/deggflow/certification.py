@@ -1,4 +1,4 @@
-"""Certificates of finished samples, our generations and trajectories made elsewhere."""
+"""Certificates of finished samples: our generations, and trajectories made elsewhere."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -20,7 +20,7 @@ from .judge import PRECISION, Judged, follow, judge_many
 from .recording import agent_names, foreign_record, not_a_number, record, verdicts_of
 from .trace import Summary, Trace
 
-SAME = 1e-3  # of the larger of values and limits: what float32 may make of them in two programs
+SAME = 1e-3  # relative to the larger of values and limits: difference of two float32 programs
 
 
 class Trajectory(NamedTuple):
@@ -47,18 +47,18 @@ def certify(
 ) -> Certificate:
     """Checks a finished sample, ours or one made elsewhere, against every one of its requirements.
 
-    The verdict is the conjunction of the requirements' own verdicts on z(1), in float64. Of a `Generation` the record
-    is what guidance reported at every accepted point; a nominal one has none. Of a `Trajectory` the record is made anew:
-    every requirement's value against its limit at every point, and every agent's row with its own
-    velocity (z' - z) / (tau' - tau) in the place of drift and input, which is what explicit Euler steps keep.
+    The verdict is the conjunction of the requirements' own verdicts on z(1), in float64. The record of a
+    `Generation` is what guidance reported at every accepted point; a nominal one has none. The record of a `Trajectory`
+    is computed here: every requirement's value against its limit at every point, and every agent's row with the agent's
+    velocity (z' - z) / (tau' - tau) in place of drift and input, as explicit Euler steps satisfy it.
 
     Args:
         sample: `generate(...)` of one sample, or states at values of tau.
         requirements: The guidance, or its requirements.
-        condition: What the requirements are conditioned on.
+        condition: The condition of the requirements.
         mask: Which agents are present; None: all.
-        agents: What to call the agents; "agent 0", ... if None.
-        draws: Number of initial samples tried so far.
+        agents: Names of the agents; "agent 0", ... if None.
+        draws: Number of draws so far.
         keep_trace: Also keep the trace in the record.
 
     Raises:
@@ -100,10 +100,10 @@ def certify_batch(
     draws: Sequence[int] | None = None,
     keep_trace: bool = False,
 ) -> list[Certificate]:
-    """`certify` of many samples in one call, as `generate_batch` or a `vmap` of `generate` makes them.
+    """`certify` for many samples in one call, as `generate_batch` or a `vmap` of `generate` returns them.
 
-    Args: as of `certify`; every leaf of `samples` and `condition` and `mask` have a leading axis of samples, `draws`
-        has one number for each; `agents` are called the same in all.
+    Args: as for `certify`; every leaf of `samples` and `condition` and `mask` have a leading axis of samples, `draws`
+        has one number for each sample, and all samples share the names `agents`.
     """
     guidance = as_guidance(requirements)
     if not isinstance(samples, Generation) or np.ndim(samples.z) != 3:
@@ -127,9 +127,9 @@ def verdicts(
     mask: Bool[Array | np.ndarray, " agents"] | None = None,
     agents: Sequence[str] | None = None,
 ) -> tuple[RequirementVerdict, ...]:
-    """What every requirement says of a state in float64, wherever the state comes from.
+    """The verdict of every requirement on a state in float64, regardless of the state's origin.
 
-    Args: as of `certify`.
+    Args: as for `certify`.
 
     Example:
         >>> [one] = verdicts(generate(field, guidance, z0, condition).z, guidance, condition)
@@ -141,16 +141,16 @@ def verdicts(
     _check_mask(present, (1, len(z)))
     alone = jax.tree.map(lambda leaf: leaf[None] if eqx.is_array(leaf) else leaf, _exact(condition))
     state = np.asarray(z, np.float64)[None]
-    judged = _judged(guidance, state, state, alone, present, np.dtype(np.float64))
-    judged = jax.tree.map(lambda leaf: leaf[0], judged)
-    _check_leaks(judged, guidance.names)
-    return verdicts_of(judged.margins, guidance, agents)
+    judgement = _judge(guidance, state, state, alone, present, np.dtype(np.float64))
+    judgement = jax.tree.map(lambda leaf: leaf[0], judgement)
+    _check_leaks(judgement, guidance.names)
+    return verdicts_of(judgement.margins, guidance, agents)
 
 
 def as_guidance(
     requirements: DecoupledGuidance | Sequence[AbstractRequirement],
 ) -> DecoupledGuidance:
-    """Guidance by these requirements, or the guidance that they are."""
+    """Guidance by these requirements; guidance itself is returned unchanged."""
     if isinstance(requirements, DecoupledGuidance):
         return requirements
     # One requirement without a tuple is refused by `DecoupledGuidance` itself.
@@ -159,7 +159,7 @@ def as_guidance(
 
 
 def _exact(condition: Any) -> Any:
-    """A condition in numpy, floating-point numbers in float64; what is no array stays as it is."""
+    """A condition in numpy, with floating-point numbers in float64; other leaves stay unchanged."""
 
     def double(leaf: Any) -> Any:
         if isinstance(leaf, float):
@@ -185,11 +185,11 @@ def _certify_generations(
     _check_mask(mask, samples.z.shape[:-1])
     _check_ends(samples.summary)
     kind = samples.summary.z0.dtype
-    judged = _judged(guidance, samples.summary.z0, samples.z, condition, mask, kind)
+    judgement = _judge(guidance, samples.summary.z0, samples.z, condition, mask, kind)
     numbers = requirement_numbers(guidance.requirements)
     out = []
     for k in range(len(samples.z)):
-        one, verdict = jax.tree.map(lambda leaf, k=k: leaf[k], (samples, judged))
+        one, verdict = jax.tree.map(lambda leaf, k=k: leaf[k], (samples, judgement))
         present = None if mask is None else mask[k]
         other = _contradiction(one, verdict, guidance, numbers)
         out.append(
@@ -198,7 +198,7 @@ def _certify_generations(
     return out
 
 
-def _judged(
+def _judge(
     guidance: DecoupledGuidance,
     z0: Any,
     z: Any,
@@ -206,7 +206,7 @@ def _judged(
     mask: Bool[np.ndarray, "samples agents"] | None,
     kind: Any,
 ) -> Judged:
-    """The verdicts in float64, in batches of the sizes that programs are compiled for; numpy arrays."""
+    """The verdicts in float64, as numpy arrays, in batches of the compiled sizes."""
     arrays, rest = eqx.partition(condition, eqx.is_array)
     parts = []
     for begin in range(0, len(z), BATCHES[-1]):
@@ -233,7 +233,7 @@ def _check_mask(mask: np.ndarray | None, shape: tuple[int, ...]) -> None:
 
 
 def _check_ends(summary: Summary) -> None:
-    """A certificate is of whole generations."""
+    """Raises `ValueError` if a generation does not run from tau = 0 to 1."""
     first, last = np.asarray(summary.first_tau), np.asarray(summary.last_tau)
     whole = (first == 0) & (last == 1)
     if not whole.all():
@@ -247,9 +247,9 @@ def _check_ends(summary: Summary) -> None:
         )
 
 
-def _check_leaks(judged: Judged, names: Sequence[str]) -> None:
-    if judged.leaks.any():
-        name = names[int(np.argmax(judged.leaks))]
+def _check_leaks(judgement: Judged, names: Sequence[str]) -> None:
+    if judgement.leaks.any():
+        name = names[int(np.argmax(judgement.leaks))]
         raise ValueError(
             f"the verdict of {name!r} changes with the states of absent agents: leave them out of its function, by a mask "
             "in the condition (`distances(z, mask)` does)."
@@ -268,21 +268,21 @@ def _certify_trajectory(
     tau, z = _checked_trajectory(trajectory)
     present = None if mask is None else np.asarray(mask)
     _check_mask(present, z.shape[1:2])
-    # Whatever a file made of them: states that are float32 numbers were rounded to such.
+    # Regardless of the dtype: states whose values are float32 numbers were rounded to float32.
     single = np.array_equal(z.astype(np.float32), z, equal_nan=True)
     kind = np.dtype(np.float32 if single else np.float64)
     eps, precision = np.asarray(np.finfo(str(kind)).eps, np.float64), np.asarray(PRECISION[kind])
     exact = _exact(condition)
     alone = jax.tree.map(lambda leaf: leaf[None] if eqx.is_array(leaf) else leaf, exact)
     with jax.enable_x64(True):
-        followed = follow(guidance, tau, z, eps, precision, exact, present)
+        path_record = follow(guidance, tau, z, eps, precision, exact, present)
     ends = z[:1], z[-1:], alone, None if present is None else present[None], z.dtype
-    judged = jax.tree.map(lambda leaf: leaf[0], _judged(guidance, *ends))
-    summary, trace = jax.tree.map(np.asarray, (followed.summary, followed.trace))
+    judgement = jax.tree.map(lambda leaf: leaf[0], _judge(guidance, *ends))
+    summary, trace = jax.tree.map(np.asarray, (path_record.summary, path_record.trace))
     tables: Any = (tau, *trace)
     end: Any = z[-1]
     sample = Generation(end, summary, Trace(*tables), None)
-    return _certificate(sample, judged, guidance, present, agents, draws, keep_trace, None)
+    return _certificate(sample, judgement, guidance, present, agents, draws, keep_trace, None)
 
 
 def _checked_trajectory(
@@ -304,7 +304,7 @@ def _checked_trajectory(
 
 def _certificate(
     sample: Generation,
-    judged: Judged,
+    judgement: Judged,
     guidance: DecoupledGuidance,
     present: Bool[np.ndarray, " agents"] | None,
     agents: Sequence[str] | None,
@@ -312,13 +312,13 @@ def _certificate(
     keep_trace: bool,
     other: str | None,
 ) -> Certificate:
-    """One sample's certificate from what the requirements say of it, numpy arrays.
+    """One sample's certificate from the requirements' verdicts, numpy arrays.
 
-    `other`: how its generation contradicts what is asked, so that nothing can be said of the way.
+    `other`: how its generation contradicts the requirements, in which case nothing is known of the hypotheses.
     """
     names, summary = guidance.names, sample.summary
-    _check_leaks(judged, names)
-    verdicts = verdicts_of(judged.margins, guidance, agents)
+    _check_leaks(judgement, names)
+    verdicts = verdicts_of(judgement.margins, guidance, agents)
     diverged = np.asarray(~np.isfinite(sample.z).all(axis=-1))
     if present is not None:
         diverged &= present
@@ -326,9 +326,9 @@ def _certificate(
     generation = None
     if not nominal:
         if other is None:
-            excess = np.maximum(summary.excess, judged.value - judged.limit)
+            excess = np.maximum(summary.excess, judgement.value - judgement.limit)
             excess = np.where(np.isnan(excess), np.inf, excess)
-            exact: Any = {"value": judged.value, "limit": judged.limit, "excess": excess}
+            exact: Any = {"value": judgement.value, "limit": judgement.limit, "excess": excess}
             whole = summary._replace(**exact)
             generation = record(whole, names, agents, sample.trace if keep_trace else None)
         else:
@@ -340,7 +340,7 @@ def _certificate(
     least = min(each.margin for each in verdicts)
     labels = agent_names(agents, len(diverged))
     if diverged.any():
-        # Margins of what is not finite may be anything: somebody at infinity is far from every obstacle.
+        # Margins of states that are not finite mean nothing: an agent at infinity is far from every obstacle.
         least, reason = -END_OF_SCALE, f"z is not finite at {labels[int(diverged.argmax())]}"
         if generation is not None and generation.hypotheses_hold:
             generation = replace(generation, hypotheses_hold=False, first_failure=reason)
@@ -349,7 +349,7 @@ def _certificate(
         reason = f"{reason}; {not_a_number(summary.nan, rows, labels)}"
     violation = sum(
         value if np.ndim(margin) else max(-margin, 0.0)
-        for value, margin in zip(judged.value, judged.margins, strict=True)
+        for value, margin in zip(judgement.value, judgement.margins, strict=True)
     )
     return Certificate(
         reason is None, least, finite(violation), draws, reason, generation, verdicts
@@ -358,34 +358,34 @@ def _certificate(
 
 def _contradiction(
     sample: Generation,
-    judged: Judged,
+    judgement: Judged,
     guidance: DecoupledGuidance,
     numbers: Integer[np.ndarray, " requirements"],
 ) -> str | None:
-    """How a generation's summary contradicts these requirements or the sample; None if it does not."""
+    """How a generation's summary contradicts these requirements or the sample; None if it agrees."""
     summary, names = sample.summary, guidance.names
-    if summary.value.shape != judged.value.shape:
+    if summary.value.shape != judgement.value.shape:
         count = f"{summary.value.shape[-1]} requirements, here are {len(names)}"
         return f"the sample was generated under other requirements: {count}"
     if not np.array_equal(np.asarray(sample.z), np.asarray(summary.z), equal_nan=True):
         return "z is not the end of its generation"
-    if not np.array_equal(summary.condition, judged.condition):
+    if not np.array_equal(summary.condition, judgement.condition):
         return "the sample was generated under another condition"
-    stored = summary.requirements  # none of a trajectory, and of guidance of a user's own
+    stored = summary.requirements  # empty for a trajectory and for a user's own guidance
     if len(stored) == len(guidance.requirements):
         for one, other, each in zip(stored, numbers, guidance.requirements, strict=True):
             if one != other and 0 not in (one, other):
                 return f"the sample was generated under other requirements: `{', '.join(each.names)}` is another"
     ends: Any = (
-        (0, summary.z0, summary.first_value, judged.first_value, summary.first_limit, judged.first_limit),
-        (1, summary.z, summary.value, judged.value, summary.limit, judged.limit),
+        (0, summary.z0, summary.first_value, judgement.first_value, summary.first_limit, judgement.first_limit),
+        (1, summary.z, summary.value, judgement.value, summary.limit, judgement.limit),
     )  # fmt: skip
     for tau, z, *of_both in ends:
         scale = np.max([np.abs(np.nan_to_num(each)) for each in of_both], axis=0)
         size = min(float(np.nan_to_num(np.abs(z)).max()), 1e12)
         least = (1e-5 * size) ** 2  # V of rounded states that meet h = buffer
         for what, was, here in (("value", *of_both[:2]), ("limit", *of_both[2:])):
-            # What is not a number, or beyond float32, is told as such.
+            # NaN and values beyond float32 are reported elsewhere.
             with np.errstate(invalid="ignore", over="ignore"):
                 same = (np.abs(was - here) <= SAME * scale + least) | ~np.isfinite(was)
             same |= ~np.isfinite(here) & bool(summary.not_a_number)

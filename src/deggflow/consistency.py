@@ -1,6 +1,6 @@
-"""What a line of a file says twice, and whether it says the same: records of generations, and lines against what was asked.
+"""Contradictions within a line of a file, and between a line and its requested condition.
 
-Works on JSON values that `records` has accepted, and shares no code with what writes them.
+Works on JSON values that `records` has accepted, and shares no code with the code that writes them.
 """
 
 import re
@@ -10,20 +10,20 @@ from typing import Any, NamedTuple
 
 from .jsonl import join, shorten
 
-ROUNDING = 5e-7  # of a number in float32, in which generations run
+ROUNDING = 5e-7  # relative, of float32 numbers, in which generations run
 
 Line = Mapping[str, Any]  # a JSON object
 Unverified = Mapping[str, str]
-"""Fields that no file can show to be true, or not wholly; of some it is said why, or what is found all the same."""
+"""Fields that can't be verified from a file, or only in part; the value is a remark on that, or empty."""
 
 RECORD: Unverified = {
-    "first_failure": "its words, but for the numbers that stand beside it",
+    "first_failure": "except for the numbers that other fields repeat",
     "requirements[].limit": "",
-    "requirements[].excess": "but that it covers the end and the trace",
+    "requirements[].excess": "except that it covers the end and the trace",
     "requirements[].active_points": "",
     "requirements[].smallest_ell_norm": "",
     "requirements[].forced_steps": "",
-    "requirements[].forced_agents": "but that they exist",
+    "requirements[].forced_agents": "except that they exist",
     "requirements[].kink_points": "",
     "steps": "",
     "refused_steps": "",
@@ -33,11 +33,11 @@ RECORD: Unverified = {
     "largest_step": "",
     "trace": "before its end",
 }
-"""Of a generation's record: what is of points that no line holds."""
+"""Fields of a generation's record that depend on points which the line does not hold."""
 
 
 def unverified_line(fields: Unverified) -> str:
-    """These fields in one line; those of a record in braces."""
+    """The fields in one line of text, with those of a record in braces."""
     of_records: dict[str, list[str]] = {}
     for field, remark in fields.items():
         head, _, name = field.rpartition("generation.")
@@ -45,30 +45,35 @@ def unverified_line(fields: Unverified) -> str:
         of_records.setdefault(f"{head}generation." if head else "", []).append(entry)
     alone = of_records.pop("", [])
     groups = [f"{head}{{{', '.join(names)}}}" for head, names in of_records.items()]
-    return f"Not to be verified from the file: {', '.join([*alone, *groups])}."
+    return f"Cannot be verified from the file: {', '.join([*alone, *groups])}."
 
 
 class Wrong(NamedTuple):
-    """One thing a line says that can't be so."""
+    """A false statement of a line.
+
+    Attributes:
+        field: Name of the field.
+        text: What is wrong with it.
+    """
 
     field: str
     text: str
 
     def __str__(self) -> str:
-        """As it is told of a line."""
+        """The message that `certify` prints."""
         return f"field `{self.field}` {self.text}"
 
 
 def check_claim(certificate: Line, field: str) -> Iterator[Wrong]:
-    """Satisfied and no reason, or a reason; and what is said of each requirement."""
+    """Contradictions between a certificate's `satisfied`, its `reason` and its verdicts."""
     satisfied, reason = certificate["satisfied"], certificate["reason"]
     if satisfied and reason is not None:
-        yield Wrong(join(field, "reason"), "says what is missed, though `satisfied` is true")
+        yield Wrong(join(field, "reason"), "names a violation, though `satisfied` is true")
     if not satisfied and not reason:
-        yield Wrong(join(field, "reason"), "must say what is missed, as `satisfied` is false")
+        yield Wrong(join(field, "reason"), "must name a violation, as `satisfied` is false")
     for k, each in enumerate(certificate.get("verdicts", [])):
         if (each["margin"] >= 0) != (each["reason"] is None):
-            yield Wrong(f"{field}.verdicts[{k}].reason", "and the margin beside it contradict")
+            yield Wrong(f"{field}.verdicts[{k}].reason", "contradicts the margin beside it")
         if satisfied and each["margin"] < 0:
             yield Wrong(f"{field}.verdicts[{k}].margin", "is negative, though `satisfied` is true")
 
@@ -76,18 +81,18 @@ def check_claim(certificate: Line, field: str) -> Iterator[Wrong]:
 def check_generation(
     record: Line, field: str, names: Sequence[str], agents: Sequence[str]
 ) -> Iterator[Wrong]:
-    """What contradicts itself in the record of a generation.
+    """Contradictions within the record of a generation.
 
     Args:
-        record: What the line says of the generation.
-        field: Where it stands.
-        names: Of the requirements that the condition asks for, in order.
+        record: The record.
+        field: Its name, for messages.
+        names: Names of the condition's requirements, in order.
         agents: Names of the agents.
     """
     rows, forced_steps = record["requirements"], record["forced_steps"]
-    listed = [row["name"] for row in rows]
-    if listed != list(names):
-        text = f"is of {_listed(listed)}; the condition asks for {_listed(names)}"
+    row_names = [row["name"] for row in rows]
+    if row_names != list(names):
+        text = f"is of {_listed(row_names)}; the condition requires {_listed(names)}"
         yield Wrong(join(field, "requirements"), text)
     yield from _hypotheses(record, field)
     for k, row in enumerate(rows):
@@ -96,7 +101,7 @@ def check_generation(
         text = f"is more than the {record['steps']} steps taken"
         yield Wrong(join(field, "forced_steps"), text)
     if record["least_opposed_sine"] is not None and len(rows) == 1:
-        text = "must be null: one requirement has nothing opposed"
+        text = "must be null, as a single requirement has no opposed rows"
         yield Wrong(join(field, "least_opposed_sine"), text)
     yield from _inputs(record, field)
     if "trace" in record:
@@ -112,10 +117,10 @@ def _hypotheses(record: Line, field: str) -> Iterator[Wrong]:
         record[name] for name in ("hypotheses_hold", "first_failure", "requirements")
     )
     if hold and failure is not None:
-        text = "says what failed, though `hypotheses_hold` is true"
+        text = "names a failure, though `hypotheses_hold` is true"
         yield Wrong(join(field, "first_failure"), text)
     if not hold and not failure:
-        text = "must say what failed, as `hypotheses_hold` is false"
+        text = "must name a failure, as `hypotheses_hold` is false"
         yield Wrong(join(field, "first_failure"), text)
     if hold and record["forced_steps"]:
         yield Wrong(join(field, "forced_steps"), "is not 0, though `hypotheses_hold` is true")
@@ -135,7 +140,7 @@ _POINTS = re.compile(r" at ([0-9]{1,10}) points?")
 
 
 def _first_failure(record: Line, field: str) -> Iterator[Wrong]:
-    """The words for what failed first, where they repeat numbers that stand beside them."""
+    """Contradictions between the text on the first failure and the numbers that it repeats."""
     text, rows = record["first_failure"], record["requirements"]
     counts = [int(count) for count in _POINTS.findall(text)]
     if max(counts, default=0) > record["steps"] + 1:
@@ -146,11 +151,11 @@ def _first_failure(record: Line, field: str) -> Iterator[Wrong]:
     above, forced = _ABOVE.search(text), _FORCED.search(text)
     words = None if above is None else above.groups()
     if words != ((worst["name"], f"{worst['excess']:.3g}") if worst["excess"] > 0 else None):
-        yield Wrong(field, "and the greatest `excess` of the requirements contradict")
+        yield Wrong(field, "contradicts the greatest `excess` of the requirements")
     if int(forced[1] if forced else 0) != record["forced_steps"]:
-        yield Wrong(field, f"and `forced_steps` contradict, which is {record['forced_steps']}")
+        yield Wrong(field, f"contradicts `forced_steps`, which is {record['forced_steps']}")
     if ("has no gradient (a kink)" in text) != any(row.get("kink_points", 0) for row in rows):
-        yield Wrong(field, "and the `kink_points` of the requirements contradict")
+        yield Wrong(field, "contradicts the `kink_points` of the requirements")
 
 
 def _requirement(record: Line, row: Line, field: str, agents: Sequence[str]) -> Iterator[Wrong]:
@@ -168,7 +173,7 @@ def _requirement(record: Line, row: Line, field: str, agents: Sequence[str]) -> 
         text = f"is more than all forced steps, {record['forced_steps']}"
         yield Wrong(join(field, "forced_steps"), text)
     if bool(forced) != bool(names):
-        text = f"and `forced_steps`, which is {forced}, contradict"
+        text = f"contradicts `forced_steps`, which is {forced}"
         yield Wrong(join(field, "forced_agents"), text)
     for k, name in enumerate(names):
         if name not in agents:
@@ -177,21 +182,20 @@ def _requirement(record: Line, row: Line, field: str, agents: Sequence[str]) -> 
 
 
 def _inputs(record: Line, field: str) -> Iterator[Wrong]:
-    """An input that is not zero is decided by a row, and somebody had to act."""
+    """Contradictions about inputs: a nonzero input follows from a row, in which some agent had to act."""
     rows, input_norm = record["requirements"], record["largest_input_norm"]
     active = any(row["active_points"] for row in rows)
     if active and not input_norm > 0:
         yield Wrong(join(field, "largest_input_norm"), "is 0, though some row was active")
-    acted = input_norm > 0 or active
+    guided = input_norm > 0 or active
     idle = all(row["smallest_ell_norm"] is None for row in rows)
-    if record["hypotheses_hold"] and rows and acted and idle:
-        yield Wrong(
-            join(field, "requirements"), "say that no agent had to act, yet inputs were given"
-        )
+    if record["hypotheses_hold"] and rows and guided and idle:
+        text = "report that no agent had to act, although inputs are not zero"
+        yield Wrong(join(field, "requirements"), text)
 
 
 def _trace(record: Line, trace: Line, field: str) -> Iterator[Wrong]:
-    """The trace against what the record says of the end and of the greatest excess."""
+    """Contradictions between the trace and the record's values at the end and greatest excess."""
     tau = trace["tau"]
     if len(tau) < 2 or (tau[0], tau[-1]) != (0, 1) or any(b <= a for a, b in pairwise(tau)):
         yield Wrong(join(field, "tau"), "must increase from 0 to 1")
@@ -201,7 +205,7 @@ def _trace(record: Line, trace: Line, field: str) -> Iterator[Wrong]:
     for k, row in enumerate(record["requirements"]):
         for name in ("value", "limit"):
             if trace[name][-1][k] != row[name]:
-                text = f"ends otherwise than `requirements[{k}].{name}`, {row[name]:.6g}"
+                text = f"differs from `requirements[{k}].{name}`, {row[name]:.6g}"
                 yield Wrong(f"{field}.{name}[{len(tau) - 1}][{k}]", text)
         for point, (values, limits) in enumerate(zip(trace["value"], trace["limit"], strict=True)):
             value, limit = values[k], limits[k]
@@ -210,28 +214,28 @@ def _trace(record: Line, trace: Line, field: str) -> Iterator[Wrong]:
                 yield Wrong(f"{field}.value[{point}][{k}]", text)
 
 
-def first_difference(asked: Any, given: Any, field: str = "") -> Wrong | None:
+def first_difference(expected: Any, actual: Any, field: str = "") -> Wrong | None:
     """The first place in which two JSON values differ; numbers are compared as numbers."""
-    if isinstance(asked, Mapping) and isinstance(given, Mapping):
-        keys: Iterable[Any] = [*asked, *(key for key in given if key not in asked)]
+    if isinstance(expected, Mapping) and isinstance(actual, Mapping):
+        keys: Iterable[Any] = [*expected, *(key for key in actual if key not in expected)]
         for key in keys:
             place = join(field, key)
-            if key not in given:
-                return Wrong(place, f"is missing; asked for was {shorten(asked[key])}")
-            if key not in asked:
-                return Wrong(place, f"is {shorten(given[key])}; nothing like it was asked for")
-            difference = first_difference(asked[key], given[key], place)
+            if key not in actual:
+                return Wrong(place, f"is missing; {shorten(expected[key])} was requested")
+            if key not in expected:
+                return Wrong(place, f"is {shorten(actual[key])}, which was not requested")
+            difference = first_difference(expected[key], actual[key], place)
             if difference is not None:
                 return difference
         return None
-    if isinstance(asked, list | tuple) and isinstance(given, list | tuple):
-        for k, (one, other) in enumerate(zip(asked, given, strict=False)):
+    if isinstance(expected, list | tuple) and isinstance(actual, list | tuple):
+        for k, (one, other) in enumerate(zip(expected, actual, strict=False)):
             difference = first_difference(one, other, f"{field}[{k}]")
             if difference is not None:
                 return difference
-        if len(asked) != len(given):
-            return Wrong(field, f"has {len(given)} entries; asked for were {len(asked)}")
+        if len(expected) != len(actual):
+            return Wrong(field, f"has {len(actual)} entries; {len(expected)} were requested")
         return None
-    if asked == given:
+    if expected == actual:
         return None
-    return Wrong(field, f"is {shorten(given)}; asked for was {shorten(asked)}")
+    return Wrong(field, f"is {shorten(actual)}; {shorten(expected)} was requested")

@@ -1,4 +1,4 @@
-"""When a generation has diverged, and what stands for its numbers in files: decided here for all."""
+"""The criterion for divergence, and the numbers that files hold for values that are not finite or too large."""
 
 import math
 from typing import Any
@@ -6,20 +6,20 @@ from typing import Any
 import numpy as np
 
 REASON = "the generation diverged to numbers that are not finite"
-END_OF_SCALE = 1e12  # what files hold for numbers beyond it
+END_OF_SCALE = 1e12  # files hold this for larger numbers
 
 
 def has_diverged(values: np.ndarray, limit: float = END_OF_SCALE) -> bool:
-    """Whether some value is NaN, or larger than the limit, beyond which files hold none.
+    """Whether some value is NaN or exceeds the limit in magnitude.
 
     Args:
-        values: Of one generation, any shape.
-        limit: In the unit of the values.
+        values: Values of one generation, any shape.
+        limit: Limit in the unit of the values.
     """
     return not bool((np.abs(values) <= limit).all())
 
 
 def finite(value: Any) -> float:
-    """A number that files can hold: NaN stands as `END_OF_SCALE`, what is larger is cut there."""
+    """A number for files: NaN becomes `END_OF_SCALE`, and magnitudes are clipped to it."""
     number = float(value)
     return END_OF_SCALE if math.isnan(number) else min(max(number, -END_OF_SCALE), END_OF_SCALE)

@@ -1,4 +1,4 @@
-"""Files written so that a kill at any moment leaves either the old content or the new one."""
+"""Atomic writing: a kill at any moment leaves either the old content of a file or the new one."""
 
 import glob
 import os
@@ -13,7 +13,7 @@ StrPath = str | os.PathLike[str]
 
 
 ABANDONED = (
-    3600  # s without a change, after which a temporary file belongs to a write that was killed
+    3600  # s without a change, after which a temporary file counts as left by a killed write
 )
 
 
@@ -24,23 +24,23 @@ def _new_file_mode() -> int:
 
 
 def _clean(path: Path) -> None:
-    """Removes what killed writes left beside a target."""
-    for left in path.parent.glob(f".{glob.escape(path.name)}.*{glob.escape(path.suffix)}"):
+    """Removes temporary files that killed writes left beside a target."""
+    for leftover in path.parent.glob(f".{glob.escape(path.name)}.*{glob.escape(path.suffix)}"):
         try:
-            if time.time() - left.stat().st_mtime > ABANDONED:
-                left.unlink()
+            if time.time() - leftover.stat().st_mtime > ABANDONED:
+                leftover.unlink()
         except OSError:
-            pass  # somebody else's, or gone already
+            pass  # of another user, or removed already
 
 
 @contextmanager
 def replacing(path: StrPath) -> Iterator[Path]:
-    """A temporary file beside the target, with its ending, that takes its place if the block succeeds."""
-    path = Path(os.path.realpath(path))  # what a symbolic link names is replaced, not the link
+    """A temporary file beside the target, with its suffix, that replaces the target if the block succeeds."""
+    path = Path(os.path.realpath(path))  # replaces the target of a symbolic link, not the link
     path.parent.mkdir(parents=True, exist_ok=True)
     _clean(path)
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=path.suffix)
-    os.fchmod(handle, _new_file_mode())  # mkstemp's own mode is for the owner alone
+    os.fchmod(handle, _new_file_mode())  # mkstemp gives access to the owner only
     os.close(handle)
     try:
         yield Path(name)
@@ -49,7 +49,7 @@ def replacing(path: StrPath) -> Iterator[Path]:
         os.replace(name, path)
     except OSError as error:
         if error.errno is not None and error.filename is None:
-            error.filename = os.fspath(path)  # a failed write does not know of what
+            error.filename = os.fspath(path)  # a failed write does not name its file
         Path(name).unlink(missing_ok=True)
         raise
     except BaseException:
@@ -58,6 +58,6 @@ def replacing(path: StrPath) -> Iterator[Path]:
 
 
 def write_atomically(path: StrPath, content: str | bytes) -> None:
-    """Writes beside the target, flushes to disk, and renames over it."""
-    with replacing(path) as beside:
-        beside.write_bytes(content.encode() if isinstance(content, str) else content)
+    """Writes to a temporary file, flushes it to disk and renames it to the target."""
+    with replacing(path) as temporary:
+        temporary.write_bytes(content.encode() if isinstance(content, str) else content)

@@ -1,4 +1,4 @@
-"""JSON Lines in: strict reading that says what is wrong where."""
+"""Strict reading of JSON and JSON Lines; errors name the file, the line and the field."""
 
 import json
 import math
@@ -13,13 +13,13 @@ from .files import StrPath
 T = TypeVar("T")
 Choice = TypeVar("Choice", bound=str)
 
-MAX_LINE = 4 << 20  # bytes; a large scene of 10,000 objects takes half of it
+MAX_LINE = 4 << 20  # bytes; a large scene of 10,000 objects takes half of that
 MAX_LINES = 1_000_000
 MAX_FILE = 64 << 20  # bytes of a file that holds one object
 
 
 class InputError(Exception):
-    """Bad input: which file, line and field, and why. Commands print it as one line and exit with 2."""
+    """Bad input, with file, line, field and reason. Commands print it in one line and exit with 2."""
 
     def __init__(
         self,
@@ -54,7 +54,7 @@ def _refuse_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def shorten(value: Any, limit: int = 60) -> str:
-    """A value as it is quoted in a message."""
+    """A value as text for a message, at most `limit` characters long."""
     try:
         text = value if isinstance(value, str) else json.dumps(value, default=str)
     except RecursionError:
@@ -63,7 +63,7 @@ def shorten(value: Any, limit: int = 60) -> str:
 
 
 def quoted(value: Any) -> str:
-    """The same as JSON: text has its quotation marks."""
+    """A value as JSON text for a message, strings in quotation marks."""
     return shorten(json.dumps(value) if isinstance(value, str) else value)
 
 
@@ -96,9 +96,9 @@ def _parse(text: bytes, parse_float: Callable[[str], float] | None) -> Any:
 
 
 def parse_line(text: bytes) -> Any:
-    """One line as JSON: UTF-8, no NaN, no key twice. Raises `InputError` without file and line.
+    """Parses one line as JSON: UTF-8, no NaN, no duplicate keys. Raises `InputError` without file and line.
 
-    A number that overflows is left to the check of its field, which has a name to tell.
+    A number that overflows passes; the check of its field reports it with the field's name.
     """
     if len(text) > MAX_LINE:
         raise InputError(f"the line is longer than {MAX_LINE} bytes")
@@ -108,10 +108,10 @@ def parse_line(text: bytes) -> Any:
 
 
 def read_json(path: StrPath) -> dict[str, Any]:
-    """The JSON object that a file holds: UTF-8, finite numbers, no key twice.
+    """Reads a JSON object from a file: UTF-8, finite numbers, no duplicate keys.
 
     Raises:
-        FileNotFoundError: There is no such file; what that means is for the caller to say.
+        FileNotFoundError: There is no such file; the caller decides what that means.
         InputError: The file can't be read, or does not hold a JSON object; names the file.
     """
     path = Path(path)
@@ -129,10 +129,10 @@ def read_json(path: StrPath) -> dict[str, Any]:
 
 
 def read_lines(path: StrPath, parse: Callable[[Any], T], what: str) -> list[T]:
-    """Every line of a file through `parse`, all or nothing.
+    """Reads a file and applies `parse` to the value of every line.
 
     Raises:
-        InputError: With file, line, field and reason of the first thing that is wrong.
+        InputError: A line is invalid; names file, line, field and reason of the first error.
     """
     path = Path(path)
     out: list[T] = []

@@ -1,4 +1,4 @@
-"""Files that one process at a time may write."""
+"""Locks: only one process at a time may write a file."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,7 @@
-"""Who is near whom in the plane: a cell list for compiled programs, in time n log n of n points.
+"""Neighbour search in the plane: a cell list for compiled programs, in O(n log n) time for n points.
 
-Points are sorted by the square cell they lie in, row by row; whoever is within a cell's length of a point is then in
-three runs of that order. Nothing depends on how large the plane is or how many cells are taken.
+Points are sorted by their square cells, row by row. All points within a cell's length of a point are then in three
+runs of that order. Nothing depends on the extent of the plane or the number of occupied cells.
 """
 
 from collections.abc import Callable
@@ -13,22 +13,27 @@ from jaxtyping import Array, Bool, Float, Int
 
 from deggflow.shapes import Scalar
 
-SIDE = (
-    1 << 14
-)  # cells along each axis; farther out they are taken together, which costs room in the lists alone
+# Cells along each axis. Points farther out share the outermost cells, which only costs slots.
+SIDE = 1 << 14
 
-Keep = Callable[[Int[Array, "points found"]], Bool[Array, "points found"]]
+Keep = Callable[[Int[Array, "points candidates"]], Bool[Array, "points candidates"]]
 
 
 class Neighbours(NamedTuple):
-    """For each point who is near, the nearest first."""
+    """The neighbours of each point, the nearest first.
 
-    who: Int[Array, "points slots"]  # which of the targets; of no meaning where the slot is empty
-    near: Bool[Array, "points slots"]  # whether there is somebody in the slot
-    missed: Bool[Array, ""]  # whether some point has more neighbours than slots
+    Attributes:
+        who: Index of the target in each slot; meaningless in an empty slot.
+        near: Whether a slot holds a neighbour.
+        missed: Whether some point has more neighbours than slots.
+    """
+
+    who: Int[Array, "points slots"]
+    near: Bool[Array, "points slots"]
+    missed: Bool[Array, ""]
 
     def gather(self, values: Float[Array, " targets"]) -> Float[Array, "points slots"]:
-        """A number of each neighbour's."""
+        """The neighbours' entries of an array over targets."""
         return values[self.who]
 
 
@@ -40,34 +45,40 @@ def find_neighbours(
     slots: int,
     keep: Keep | None = None,
 ) -> Neighbours:
-    """Targets within a radius of each point. No gradient passes through it.
+    """Targets within a radius of each point. No gradient passes through the search.
 
     Args:
-        points: Where to look from, m.
-        targets: Who may be found, m.
+        points: Centres of the search, m.
+        targets: Positions of possible neighbours, m.
         present: Which of the targets exist.
-        radius: How far to look, m; also the length of a cell.
-        slots: Room for each point's neighbours.
-        keep: Which of the targets found (their indices, one row per point) count at all; everybody if None.
+        radius: Radius of the search, m; also the length of a cell.
+        slots: Largest number of neighbours of a point.
+        keep: Maps indices of candidate targets, one row per point, to whether they count; None: all count.
     """
     points, targets = jax.lax.stop_gradient((points, targets))
     runs = _runs(points, targets, present, radius)
     spot = runs.first[..., None] + jnp.arange(slots)[None, None]
     inside = (spot < runs.last[..., None]).reshape(len(points), -1)
-    found = runs.order[jnp.minimum(spot, len(targets) - 1)].reshape(len(points), -1)
-    square = jnp.sum((targets[found] - points[:, None]) ** 2, axis=-1)
+    candidates = runs.order[jnp.minimum(spot, len(targets) - 1)].reshape(len(points), -1)
+    square = jnp.sum((targets[candidates] - points[:, None]) ** 2, axis=-1)
     close = inside & (square <= radius**2)
     if keep is not None:
-        close &= keep(found)
+        close &= keep(candidates)
     nearest, at = jax.lax.top_k(jnp.where(close, -square, -jnp.inf), slots)
     crowded = jnp.any(runs.last - runs.first > slots) | jnp.any(jnp.sum(close, axis=1) > slots)
     return Neighbours(
-        jnp.take_along_axis(found, at, axis=1), nearest > -jnp.inf, crowded | jnp.any(jnp.isnan(points))
+        jnp.take_along_axis(candidates, at, axis=1), nearest > -jnp.inf, crowded | jnp.any(jnp.isnan(points))
     )  # fmt: skip
 
 
 class _Runs(NamedTuple):
-    """Where each point's three rows of three cells begin and end in the order of the targets by cell."""
+    """Runs of each point's three rows of three cells in the order of the targets by cell.
+
+    Attributes:
+        order: Indices of the targets, sorted by cell.
+        first: Start of each run.
+        last: End of each run.
+    """
 
     order: Int[Array, " targets"]
     first: Int[Array, "points 3"]
@@ -92,6 +103,6 @@ def _runs(
 
 
 def _cells(points: Float[Array, "points 2"], radius: Scalar) -> Int[Array, "points 2"]:
-    # The outermost cells stay free: no row's run may reach into the next row.
+    # The outermost cells stay empty, so that no run of a row reaches into the next row.
     cells = jnp.clip(jnp.floor(points / radius) + SIDE // 2, 2, SIDE - 3)
     return jnp.nan_to_num(cells, nan=2.0).astype(jnp.int32)

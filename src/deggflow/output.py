@@ -1,4 +1,4 @@
-"""JSON Lines out: a file that a run appends to line by line, and that a later call of the same run completes."""
+"""Writing JSON Lines: a run appends to a file line by line, and a later call of the same run resumes it."""
 
 import json
 import os
@@ -13,16 +13,16 @@ from .locks import locked
 
 ADVICE = "choose another --out, or remove it first"
 Belongs = Callable[[int, Any], bool]
-"""(number of a line from 0, what it holds) -> whether the run would have written it there."""
+"""(number of a line from 0, its value) -> whether the run would have written it there."""
 
 
 def settings_path(path: Path) -> Path:
-    """Where the settings of a run lie: beside its file."""
+    """Path of the settings of a run, beside its file."""
     return path.with_name(path.name + ".run.json")
 
 
 def run_settings(path: StrPath) -> dict[str, Any] | None:
-    """The settings of the run that wrote a file; None if none is known. `InputError` if they are damaged."""
+    """The settings of the run that wrote a file; None if there are none. Raises `InputError` if they are damaged."""
     try:
         return read_json(settings_path(Path(path)))
     except FileNotFoundError:
@@ -30,18 +30,18 @@ def run_settings(path: StrPath) -> dict[str, Any] | None:
 
 
 def forget(row: Any) -> None:
-    """For files whose lines are counted and not kept."""
+    """Ignores a row: an `on_row` for files whose lines are only counted."""
 
 
 class ResumableOutput:
     """A JSON Lines file of one run.
 
-    Beside it stand `<name>.run.json` with the run's settings, so that no other run is mixed into it, and `.<name>.lock`,
-    which is held while it is written. What is no regular file, such as /dev/stdout, is written to as it is.
+    Beside it lie `<name>.run.json` with the run's settings, which keep other runs out of the file, and `.<name>.lock`,
+    which is held while the file is written. A special file, such as /dev/stdout, has neither.
 
     Attributes:
-        done: Lines that are finished.
-        finished: What they hold, if rows are kept.
+        done: Number of finished lines.
+        finished: Their values, if rows are kept.
     """
 
     def __init__(
@@ -53,14 +53,14 @@ class ResumableOutput:
         belongs: Belongs | None = None,
         on_row: Callable[[Any], None] | None = None,
     ) -> None:
-        """Raises `InputError` if the file belongs to another run or can't be written; changes nothing then.
+        """Raises `InputError`, without any change, if the file belongs to another run.
 
         Args:
             path: The file.
-            settings: JSON values that tell this run from others.
-            count: How many lines the run has; a longer file is another run's. Any number if None.
-            belongs: Looked at for the first and the last finished line.
-            on_row: Told of every finished line instead of keeping it in `finished`: memory stays flat.
+            settings: JSON values that distinguish this run from others.
+            count: Number of lines of the run; a longer file belongs to another run. None: any number.
+            belongs: Checks the first and the last finished line.
+            on_row: Called with every finished line, which is then not kept in `finished` and takes no memory.
         """
         self.path, self.settings = Path(path), dict(settings)
         if self.path.is_dir():
@@ -82,15 +82,15 @@ class ResumableOutput:
 
     def _check_settings(self) -> None:
         try:
-            begun = read_json(self.run)
+            previous = read_json(self.run)
         except (FileNotFoundError, InputError):
             raise InputError(
                 f"exists and was not begun by this command; {ADVICE}", file=self.path
             ) from None
         for name, value in self.settings.items():
-            if begun.get(name) != value:
+            if previous.get(name) != value:
                 raise InputError(
-                    f"was begun with {name} = {shorten(begun.get(name))}, not {shorten(value)}; {ADVICE}",
+                    f"was begun with {name} = {shorten(previous.get(name))}, not {shorten(value)}; {ADVICE}",
                     file=self.path,
                 )
 
@@ -111,7 +111,7 @@ class ResumableOutput:
         return self
 
     def _begin(self) -> None:
-        """With the lock held: whose file it is, and what is finished of it."""
+        """With the lock held, checks whose file it is and reads its finished lines."""
         if self._holds_something():
             self._check_settings()
         else:
@@ -128,7 +128,7 @@ class ResumableOutput:
             raise InputError(
                 f"the line is longer than {MAX_LINE} bytes", file=self.path, line=self.done + 1
             )
-        # What a kill left of an unfinished line is cut off.
+        # Cuts off an unfinished line that a kill left.
         self._file.truncate(end)
         self._file.seek(end)
 
@@ -165,7 +165,7 @@ class ResumableOutput:
             )
 
     def append(self, rows: Sequence[Mapping[str, Any]]) -> None:
-        """Writes finished rows and flushes them to disk; raises `InputError` if they did not get there."""
+        """Writes finished rows and flushes them to disk; raises `InputError` if that fails."""
         assert self._file is not None
         content = b"".join(json.dumps(row, allow_nan=False).encode() + b"\n" for row in rows)
         try:
@@ -174,7 +174,7 @@ class ResumableOutput:
             if self._special:
                 return
             os.fsync(self._file.fileno())
-            here, written = self.path.stat(), os.fstat(self._file.fileno())
+            on_path, opened = self.path.stat(), os.fstat(self._file.fileno())
         except FileNotFoundError:
             raise InputError("was removed while it was being written", file=self.path) from None
         except OSError as error:
@@ -182,7 +182,7 @@ class ResumableOutput:
                 f"can't be written: {error.strerror}; finished lines are kept, rerun the command to resume",
                 file=self.path,
             ) from None
-        if (here.st_dev, here.st_ino) != (written.st_dev, written.st_ino):
+        if (on_path.st_dev, on_path.st_ino) != (opened.st_dev, opened.st_ino):
             raise InputError("was replaced while it was being written", file=self.path)
         self.done += len(rows)
 
@@ -194,7 +194,7 @@ class ResumableOutput:
             if self._file is not None:
                 self._file.close()
         except OSError:
-            pass  # what could not be flushed was told of by `append`
+            pass  # `append` has reported a failed flush
         finally:
             self._file = None
             self._lock.close()

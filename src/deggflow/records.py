@@ -1,4 +1,4 @@
-"""Certificates and records of generations as they stand in files: what is accepted, and what is refused and why."""
+"""Parses certificates and records of generations from JSON values; errors name the field."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -23,11 +23,11 @@ from .jsonl import (
     join,
 )
 
-MAX_DRAWS = 10_000  # as `generate` allows
+MAX_DRAWS = 10_000  # limit of `generate`
 MAX_STEPS = 10**9
-_ANY = END_OF_SCALE  # of values, limits and margins
+_ANY = END_OF_SCALE  # bound of values, limits and margins
 
-# Keys of records in files of earlier versions; all of them have other names now.
+# Keys of records in files of earlier versions, which have been renamed.
 _OLD_OF_GENERATIONS = ("held", "broken", "refused", "forced", "least_sine", "effort")
 _OLD_OF_REQUIREMENTS = ("active", "smallest_ell", "forced", "kinks")
 

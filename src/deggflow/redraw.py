@@ -1,4 +1,4 @@
-"""Redraws: a sample that its verdict refuses is drawn again from a new z(0), up to a limit."""
+"""Redraws: a sample that its verdict refuses is redrawn from a new z(0), up to a limit."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Candidate(Generic[T]):
-    """A sample as it was drawn, and its verdict.
+    """A single draw of a sample, and its verdict.
 
     Attributes:
         sample: The sample.
@@ -24,12 +24,12 @@ class Candidate(Generic[T]):
 
 @dataclass(frozen=True)
 class Drawn(Generic[T]):
-    """What is kept of all draws of a sample.
+    """The final draw of a sample.
 
     Attributes:
-        sample: The first that is satisfied, else the closest.
+        sample: The first draw that is satisfied, else the closest.
         satisfied: Whether the verdict accepts it.
-        draws: Number of draws that were made.
+        draws: Number of draws.
     """
 
     sample: T
@@ -42,12 +42,12 @@ Attempt = Callable[[Sequence[int], int], Sequence[Candidate[T]]]
 
 
 def redraw_until_satisfied(attempt: Attempt[T], samples: int, max_draws: int) -> list[Drawn[T]]:
-    """Draws each sample until it is satisfied, at most `max_draws` times; else keeps the closest.
+    """Draws each sample until it is satisfied, at most `max_draws` times; else returns the closest draw.
 
     Args:
         attempt: Draws the pending samples once.
-        samples: How many samples are wanted.
-        max_draws: Limit of draws of each; at least 1.
+        samples: Number of samples.
+        max_draws: Limit of draws of each sample; at least 1.
     """
     if max_draws < 1:
         raise ValueError(f"`max_draws` must be at least 1; got {max_draws}.")

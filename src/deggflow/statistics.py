@@ -1,15 +1,20 @@
-"""Shares with their uncertainty."""
+"""Proportions with confidence intervals."""
 
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
 from scipy.stats import binomtest
 
-MANY = 5_000  # cases from which on a second digit means something
+MANY = 5_000  # number of cases from which a second decimal is meaningful
 
 
 class Rate(NamedTuple):
-    """A count out of a number of independent cases."""
+    """A number of successes out of independent cases.
+
+    Attributes:
+        successes: Number of successes.
+        cases: Number of cases.
+    """
 
     successes: int
     cases: int
@@ -21,8 +26,8 @@ class Rate(NamedTuple):
 
     def interval(self, confidence: float = 0.95) -> tuple[float, float]:
         """Wilson score interval of the proportion."""
-        found = binomtest(self.successes, self.cases).proportion_ci(confidence, method="wilson")
-        return float(found.low), float(found.high)
+        interval = binomtest(self.successes, self.cases).proportion_ci(confidence, method="wilson")
+        return float(interval.low), float(interval.high)
 
     def __str__(self) -> str:
         low, high = self.interval()

@@ -199,12 +199,12 @@ def test_trials_are_compared_with_what_was_asked_for(trials, inside, tmp_path):
     assert good.returncode == 0
     named = good.stdout.splitlines()[-2]
     assert named.startswith(
-        "Not to be verified from the file: condition.goal (except with --conditions)"
+        "Cannot be verified from the file: condition.goal (except with --conditions)"
     )
     write(asked, [{**CONDITIONS[0], "goal": {**GOAL, "x": -0.3}}, CONDITIONS[1]])
     found = inside(*arguments)
     assert found.returncode == 3
-    assert "line 1: field `condition.goal.x` is -0.2; asked for was -0.3" in found.stdout
+    assert "line 1: field `condition.goal.x` is -0.2; -0.3 was requested" in found.stdout
     assert totals(2, 1, first, there) in found.stdout
     write(asked, CONDITIONS)
     found = inside(*arguments)

@@ -97,8 +97,8 @@ def test_scenes_are_compared_with_what_was_asked_for(inside, tmp_path):
     good = inside(*arguments)
     assert (good.returncode, good.stderr) == (0, "")
     for bad, text in (
-        (larger, "line 2: field `condition.table.depth` is 0.95; asked for was"),
-        (fewer, "line 2: field `condition.objects` has 1 entries; asked for were 2"),
+        (larger, "line 2: field `condition.table.depth` is 0.95; 0.94 was requested"),
+        (fewer, "line 2: field `condition.objects` has 1 entries; 2 were requested"),
     ):
         conditions(path, scene(), bad)
         assert inside("tabletop", "certify", path).returncode == 0
@@ -122,7 +122,7 @@ def test_what_no_file_can_show_is_named_in_one_line(inside, tmp_path):
     path = conditions(tmp_path / "s.jsonl", scene())
     named = inside("tabletop", "certify", path).stdout.splitlines()[-2]
     assert named.startswith(
-        "Not to be verified from the file: condition (except with --conditions), "
+        "Cannot be verified from the file: condition (except with --conditions), "
     )
     assert all(
         name in named

@@ -25,16 +25,16 @@ class Written(Protocol):
 
 @runtime_checkable
 class Result(Written, Protocol):
-    """What was generated for a condition, with a certificate."""
+    """A certified result for a condition."""
 
     @property
     def condition(self) -> Any:
-        """What it was generated for."""
+        """The condition that it was generated for."""
 
 
 C = TypeVar("C", bound=Written)  # conditions
 R = TypeVar("R", bound=Result)
-Row = TypeVar("Row", bound=Written)  # of an evaluation
+Row = TypeVar("Row", bound=Written)  # rows of an evaluation
 
 
 class Claim(NamedTuple):
@@ -53,10 +53,10 @@ class Claim(NamedTuple):
         return self.one if count == 1 else self.many
 
     def in_total(self, examinations: Sequence["Examination"]) -> str:
-        """A sentence with the number of satisfied results and of lines with false statements."""
-        good = sum(each.holds for each in examinations)
+        """A sentence with the numbers of satisfied results and of lines with false statements."""
+        satisfied = sum(each.holds for each in examinations)
         wrong = sum(bool(each.wrong) for each in examinations)
-        return f"{good} of {len(examinations)} {self.many}; {wrong} lines contain false statements."
+        return f"{satisfied} of {len(examinations)} {self.many}; {wrong} lines contain false statements."
 
 
 class Chunking(NamedTuple):
@@ -72,12 +72,12 @@ class Chunking(NamedTuple):
 
 
 class RunSettings(NamedTuple):
-    """What decides z(0), besides a result's number among the conditions, and how often it is drawn.
+    """Settings of a run that, with a result's number, determine z(0) and the number of draws.
 
     Attributes:
-        seed: Of the run.
+        seed: Seed of the run.
         first: Number of the first condition in the run.
-        max_draws: Limit of draws; where none is satisfied the result says why.
+        max_draws: Limit of draws; if none is satisfied, the result states the reason.
     """
 
     seed: int
@@ -86,7 +86,7 @@ class RunSettings(NamedTuple):
 
 
 OnStatus = Callable[[str], None]
-"""Told in words how far the work is."""
+"""Called with a text on the progress."""
 
 
 class AbstractGenerator(ABC, Generic[C, R]):
@@ -104,7 +104,7 @@ class AbstractGenerator(ABC, Generic[C, R]):
 
         Args:
             conditions: One condition per result.
-            run: Decides z(0), and how often it is drawn.
+            run: Seed of z(0), first number and limit of draws.
             on_status: Called with a text on the progress.
         """
 
@@ -245,14 +245,14 @@ class AbstractTask(ABC, Generic[C, R]):
 
 @dataclass(frozen=True)
 class PictureRequest(Generic[R]):
-    """One result of a file that is to be drawn.
+    """A request to draw one result of a file.
 
     Attributes:
         result: The result.
         number: Its line in the file, from 1.
-        options: Of `render`.
-        field: Loads the field, for what has to be generated again.
-        on_note: Told what is drawn otherwise than asked for, and why.
+        options: Options of `render`.
+        field: Loads the field, if the result has to be generated again.
+        on_note: Called with a message if something can't be drawn as requested.
     """
 
     result: R

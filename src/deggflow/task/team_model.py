@@ -103,10 +103,11 @@ class TeamModel(AbstractModel):
     def _skeleton(self, card: Mapping[str, Any]) -> MessagePassingField:
         if card.get("task") != self.task:
             raise InputError(f"must be {self.task!r}; got {card.get('task')!r}", field="task")
-        sizes, listed = expect_sizes(card, LARGEST), expect_list(card.get("spread"), "spread")
+        sizes = expect_sizes(card, LARGEST)
+        entries = expect_list(card.get("spread"), "spread")
         spread = tuple(
             expect_number(each, f"spread[{k}]", _LEAST_SPREAD / 2, 1e6, "")
-            for k, each in enumerate(listed)
+            for k, each in enumerate(entries)
         )
         if len(spread) != self._task.dim:
             raise InputError(
