@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 # Most of the tests' time goes into compiling programs that run for milliseconds, and with fewer optimizations that
-# takes a third as long. `make test XLA_FLAGS=` compiles as users do.
+# takes a third as long. Tests of rounding are compiled as users do; `make test XLA_FLAGS=` does so with all.
 XLA_FLAGS ?= --xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true --xla_cpu_use_fusion_emitters=false
 
 .PHONY: help demo quick test lint bench clean
@@ -39,7 +39,8 @@ quick: $(VENV)/.base
 	@$(BIN)/deggflow reproduce --quick --out reproduction-quick
 
 test: $(VENV)/.dev
-	@XLA_FLAGS="$(XLA_FLAGS)" $(BIN)/python -m pytest -n 2 --dist worksteal
+	@XLA_FLAGS="$(XLA_FLAGS)" $(BIN)/python -m pytest -n 2 --dist worksteal -m "not rounding"
+	@XLA_FLAGS= $(BIN)/python -m pytest -n 2 --dist worksteal -m rounding
 
 lint: $(VENV)/.dev
 	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy

@@ -21,7 +21,8 @@ def found(points, targets, present, radius, slots):
 
 
 def lists(result):
-    return [set(who[near].tolist()) for who, near in zip(result.who, result.near, strict=True)]
+    who, near = np.asarray(result.who), np.asarray(result.near)  # JAX would compile each length
+    return [set(row[close].tolist()) for row, close in zip(who, near, strict=True)]
 
 
 @settings(max_examples=25, deadline=None)

@@ -96,6 +96,7 @@ def test_schemes_have_their_order(solver, order, key):
     assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.25)
 
 
+@pytest.mark.rounding
 def test_a_guard_that_finds_nothing_changes_nothing():
     guidance = DecoupledGuidance((apart,))
     with jax.enable_x64(True):  # what rounding makes of a step would grow along edges
@@ -106,6 +107,7 @@ def test_a_guard_that_finds_nothing_changes_nothing():
     assert np.all(np.asarray(guarded.work.evaluations)[calm] == 401)
 
 
+@pytest.mark.rounding
 @pytest.mark.parametrize("solver", [EULER, HEUN, RK4], ids=lambda solver: solver.name)
 def test_every_accepted_point_is_below_its_limit_or_counted(solver):
     out = batch(DecoupledGuidance((apart,)), StepGuard(6), 100, solver)

@@ -146,24 +146,23 @@ def test_rows_on_a_grid_that_meet_in_one_point_or_coincide(rows, inputs):
         check_kkt_or_linear_program(ell[k], b[k], np.eye(inputs), u[k], feasible[k])
 
 
-@jax.enable_x64(
-    True
-)  # some instances are ill-conditioned: in float32 they differ by the order of sums
+@pytest.mark.rounding
 def test_agents_of_samples_at_once_get_what_each_gets_alone():
     rng = np.random.default_rng(0)
-    ell = jnp.asarray(rng.normal(size=(4, 5, 6, 3)))
-    b = jnp.asarray(rng.normal(size=(5, 4, 6)))  # samples and agents the other way round
+    ell = jnp.asarray(rng.normal(size=(4, 5, 6, 3)), jnp.float32)
+    b = jnp.asarray(
+        rng.normal(size=(5, 4, 6)), jnp.float32
+    )  # samples and agents the other way round
     both = jax.vmap(jax.vmap(min_norm_input), in_axes=(0, 1))(ell, b)
     for s in range(4):
         for i in range(5):
             alone = min_norm_input(ell[s, i], b[i, s])
             assert alone.feasible == both.feasible[s, i]
-            np.testing.assert_allclose(both.u[s, i], alone.u, rtol=1e-9, atol=1e-12)
+            np.testing.assert_allclose(both.u[s, i], alone.u, atol=1e-5)
     shared = jax.vmap(min_norm_input, in_axes=(None, 0))(
         ell[0, 0], b[:, 0]
     )  # the same rows for all
-    alone = min_norm_input(ell[0, 0], b[0, 0])
-    np.testing.assert_allclose(shared.u[0], alone.u, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(shared.u[0], min_norm_input(ell[0, 0], b[0, 0]).u, atol=1e-5)
 
 
 def check_kkt_or_linear_program(ell, b, metric, u, feasible):
