@@ -136,7 +136,9 @@ def replaced(fault: Fault) -> tuple[int, str | None]:
         whole_before = kept.read_bytes() == fault.stage.known[fault.job.name][fault.job.out]
         if not whole_before:
             problem = f"exit code {code}, and its lines are nowhere"
-    os.replace(kept, path)
+    # Otherwise the command wrote a newer one, as `train` does with its curves.
+    if path.exists() and path.read_bytes() == b"mine\n":
+        os.replace(kept, path)
     return code, problem
 
 
