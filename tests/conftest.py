@@ -2,6 +2,7 @@ import gc
 import os
 from pathlib import Path
 
+import hypothesis
 import jax
 import pytest
 
@@ -42,3 +43,8 @@ def few_programs():
     if maps.exists() and len(maps.read_bytes().splitlines()) > PIECES:
         jax.clear_caches()
         gc.collect()
+
+
+# Machines differ in speed, and others may use them.
+hypothesis.settings.register_profile("unhurried", deadline=None)
+hypothesis.settings.load_profile("unhurried")
