@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import threading
 
 import pytest
@@ -110,25 +111,28 @@ def test_a_file_that_is_longer_or_begins_elsewhere_is_another_runs(tmp_path):
         assert path.read_bytes() == b"".join(content)
 
 
-def test_a_file_that_is_removed_or_replaced_while_it_is_written_is_missed(tmp_path):
+@pytest.mark.parametrize("more", [[{"k": 1}], []], ids=["before a row", "after the last row"])
+def test_a_file_that_is_removed_or_replaced_while_it_is_written_is_missed(more, tmp_path):
     folder = tmp_path / "gone"
     path = folder / "out.jsonl"
-    with ResumableOutput(path, SETTINGS) as lines:
-        lines.append([{"k": 0}])
-        for left in folder.iterdir():
-            left.unlink()
-        folder.rmdir()
-        with pytest.raises(InputError, match="was removed while"):
-            lines.append([{"k": 1}])
-    with ResumableOutput(path, SETTINGS) as lines:
-        lines.append([{"k": 0}])
+
+    def replace():
         (folder / "other").write_bytes(b"")
         os.replace(folder / "other", path)
-        with pytest.raises(InputError, match="was replaced while"):
-            lines.append([{"k": 1}])
+
+    def write(disturb):
+        with ResumableOutput(path, SETTINGS) as lines:
+            lines.append([{"k": 0}])
+            disturb()
+            if more:
+                lines.append(more)
+
+    with pytest.raises(InputError, match="was removed while"):
+        write(lambda: shutil.rmtree(folder))
+    with pytest.raises(InputError, match="was replaced while"):
+        write(replace)
 
 
-@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
 def test_a_full_disk_is_one_line():
     with (
         ResumableOutput("/dev/full", SETTINGS) as lines,

@@ -1,10 +1,13 @@
 """What happens to a command that is running, and what it may do then."""
 
+import ctypes
+import fcntl
 import os
 import random
 import re
 import shutil
 import signal
+import termios
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -45,6 +48,16 @@ class Fault:
 def _ended(process: Any) -> tuple[int, str]:
     _, said = process.communicate(timeout=PATIENCE)
     return process.returncode, said
+
+
+def _has_spoken(process: Any) -> bool:
+    """Whether the command has printed its last words, which it does after its last look at its files."""
+    waiting = ctypes.c_int()
+    for pipe in (process.stdout, process.stderr):
+        fcntl.ioctl(pipe, termios.FIONREAD, waiting)
+        if waiting.value:
+            return True
+    return False
 
 
 def _one_line(code: int, said: str) -> str | None:
@@ -103,7 +116,7 @@ def removed(fault: Fault) -> tuple[int, str | None]:
     """The output's folder goes; nobody may say that the results are in it."""
     process = fault.stage.start(fault.folder, *fault.job.command)
     fault.wait(process, fault.moment())
-    running = process.poll() is None
+    running = process.poll() is None and not _has_spoken(process)
     gone = fault.folder / "o"
     for _ in range(100):  # files may be put into it meanwhile
         shutil.rmtree(gone, ignore_errors=True)

@@ -112,7 +112,7 @@ class Stage:
             cwd=folder,
             env=self.environment,
             text=True,
-            stdout=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
         )
 

@@ -174,20 +174,30 @@ class ResumableOutput:
             if self._special:
                 return
             os.fsync(self._file.fileno())
-            on_path, opened = self.path.stat(), os.fstat(self._file.fileno())
-        except FileNotFoundError:
-            raise InputError("was removed while it was being written", file=self.path) from None
+            self._check_still_there()
         except OSError as error:
             raise InputError(
                 f"can't be written: {error.strerror}; finished lines are kept, rerun the command to resume",
                 file=self.path,
             ) from None
-        if (on_path.st_dev, on_path.st_ino) != (opened.st_dev, opened.st_ino):
-            raise InputError("was replaced while it was being written", file=self.path)
         self.done += len(rows)
 
-    def __exit__(self, *_: object) -> None:
-        self._release()
+    def _check_still_there(self) -> None:
+        """Raises `InputError` unless the open file is the one that its path names."""
+        assert self._file is not None
+        try:
+            on_path, opened = self.path.stat(), os.fstat(self._file.fileno())
+        except FileNotFoundError:
+            raise InputError("was removed while it was being written", file=self.path) from None
+        if (on_path.st_dev, on_path.st_ino) != (opened.st_dev, opened.st_ino):
+            raise InputError("was replaced while it was being written", file=self.path)
+
+    def __exit__(self, kind: type[BaseException] | None = None, *_: object) -> None:
+        try:
+            if kind is None and not self._special:
+                self._check_still_there()
+        finally:
+            self._release()
 
     def _release(self) -> None:
         try:
