@@ -30,6 +30,9 @@ FLOORS = [
     },
     {
         "baselines",
+        "arguments",
+        "drift",
+        "guided_field",
         "trace",
         "generation",
         "step_guard",

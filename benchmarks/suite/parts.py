@@ -15,8 +15,9 @@ from jaxtyping import Array, Float
 from deggflow.blocks import BLOCK
 from deggflow.generation import refined_grid
 from deggflow.guidance import DecoupledGuidance, min_norm_input
+from deggflow.guided_field import Velocity
 from deggflow.solver import EULER
-from deggflow.step_guard import GuardedSteps, StepGuard, Velocity
+from deggflow.step_guard import GuardedSteps, StepGuard
 from deggflow.tasks.tabletop.changes import random_conditions
 from deggflow.tasks.tabletop.condition import to_arrays
 from deggflow.tasks.tabletop.field import load_field
@@ -95,7 +96,7 @@ def _steps(field: Any, guidance: DecoupledGuidance, z: Any, condition: Any) -> C
     steps = GuardedSteps(refined_grid(), EULER, StepGuard(), keep_trace=False, keep_path=False)
 
     def velocity(condition: Any) -> Velocity:
-        def guided(state: Any, tau: Any, z: Any) -> Any:
+        def guided(state: Any, step: Any, tau: Any, z: Any) -> Any:
             drift = field(tau, z, condition)
             state, correction, report = guidance(state, tau, z, drift, condition)
             return state, drift + correction, report

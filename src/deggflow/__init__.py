@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .certificate import Certificate
     from .certification import Trajectory, certify, certify_batch, verdicts
+    from .drift import EveryStep, Extrapolated, Held, Midpoint
     from .generation import Generation, generate, generate_batch, refined_grid
     from .guidance import (
         AdaptiveShares,
@@ -35,6 +36,7 @@ __version__ = "0.1.0"
 _HOME = {
     "certificate": ("Certificate",),
     "certification": ("Trajectory", "certify", "certify_batch", "verdicts"),
+    "drift": ("EveryStep", "Extrapolated", "Held", "Midpoint"),
     "generation": ("Generation", "generate", "generate_batch", "refined_grid"),
     "guidance": (
         "AdaptiveShares",
@@ -68,9 +70,13 @@ __all__ = [
     "Certificate",
     "DecoupledGuidance",
     "EqualShares",
+    "EveryStep",
+    "Extrapolated",
     "FixedShares",
     "Generation",
+    "Held",
     "Local",
+    "Midpoint",
     "NoGuidance",
     "Own",
     "Pooled",

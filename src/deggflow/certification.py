@@ -10,10 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Integer
 
+from .arguments import check_leading_axis, check_tau
 from .blocks import BATCHES, padded_batch
 from .certificate import Certificate, RequirementVerdict
 from .divergence import END_OF_SCALE, finite
-from .generation import Generation, check_leading_axis, check_tau
+from .generation import Generation
 from .guidance import AbstractRequirement, DecoupledGuidance
 from .identity import requirement_numbers
 from .judge import PRECISION, Judged, follow, judge_many

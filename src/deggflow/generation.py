@@ -1,17 +1,23 @@
 """Algorithm 1: guided generation, of one sample or of many."""
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
+from .arguments import check_leading_axis, checked_grid, checked_start, per_agent
+from .drift import EVERY_STEP, AbstractDrift, Interval, aligned
 from .flow import Field
-from .guidance import AbstractGuidance, GuidanceReport
+from .guidance import AbstractGuidance
+from .guided_field import GuidedField
 from .identity import requirement_numbers
+from .shapes import Mask, Scalar, States
 from .solver import EULER, RungeKutta
-from .step_guard import GuardedSteps, SampleProgress, StepGuard, Velocity, finish
+from .step_guard import GuardedSteps, SampleProgress, StepGuard, finish
 from .trace import Point, Summary, Trace, Work, add_point, empty_summary, traced
 
 DEFAULT_STEPS = 100
@@ -28,7 +34,7 @@ class Generation(NamedTuple):
         path: z at every point of the grid; None if it was not kept.
     """
 
-    z: Float[Array, "agents dim"]
+    z: States
     summary: Summary
     trace: Trace | None
     path: Float[Array, "points agents dim"] | None
@@ -61,6 +67,7 @@ def generate(
     *,
     grid: Float[Array | np.ndarray, " points"] | None = None,
     solver: RungeKutta = EULER,
+    drift: AbstractDrift = EVERY_STEP,
     guard: StepGuard | None = GUARD,
     mask: Bool[Array | np.ndarray, " agents"] | None = None,
     stops: Float[Array | np.ndarray, " agents"] | None = None,
@@ -76,6 +83,8 @@ def generate(
         condition: What field and requirements are conditioned on, any pytree.
         grid: Increasing values of tau from 0 to 1; `refined_grid()` by default.
         solver: `EULER`, `HEUN` or `RK4`.
+        drift: How often the field is evaluated: wherever the guidance is (`EveryStep()`), or at the points of a coarser
+            grid, `Held(16)`, `Extrapolated(16)` or `Midpoint(16)`. The nearest points of `grid` are moved onto these.
         guard: Compares every step with its limits and halves those that fail; None for fixed steps. Guarded steps are
             a `while_loop`, which has no reverse-mode gradient; fixed steps have one.
         mask: Which agents are present in a padded team; None: all. Absent ones stay at z(0), are asked for nothing and
@@ -91,22 +100,31 @@ def generate(
 
     Source: paper, alg:guided_sampling.
     """
-    z0, grid = _checked_start(z0, 2), _checked_grid(grid, z0)
-    mask, stops = _per_agent("mask", mask, z0, bool), _per_agent("stops", stops, z0, z0.dtype)
-    velocity = _velocity(field, guidance, condition, mask, stops)
+    z0, grid = checked_start(z0, 2), checked_grid(grid, refined_grid, z0)
+    grid, starts = aligned(grid, drift.macro_grid())
+    mask, stops = per_agent("mask", mask, z0, bool), per_agent("stops", stops, z0, z0.dtype)
+    guided = GuidedField(field, guidance, drift, grid, condition, mask, stops)
     state = guidance.init(z0, condition, mask)
     if guard is None or not guidance.names:
-        generation = _fixed_steps(
-            velocity, state, z0, condition, grid, solver, mask, keep_trace, keep_path
-        )
-        return _signed(generation, guidance)
+        generation = _fixed_steps(guided, state, z0, starts, solver, keep_trace, keep_path)
+        return _completed(generation, guidance, drift, solver, starts)
     steps = GuardedSteps(grid, solver, guard, keep_trace, keep_path)
-    end = jax.lax.while_loop(
-        steps.unfinished,
-        lambda at: steps.advance(velocity, guidance.on_forced_step, mask, at),
-        steps.start(velocity, state, z0, condition),
-    )
-    return _signed(_generation(grid, end), guidance)
+
+    def macro_step(carry: _Carry, interval: Interval, on: GuardedSteps) -> _Carry:
+        sample, drift_state = carry
+        drift_state = drift.step(guided.nominal, drift_state, interval, sample.proposed_z)
+        velocity = guided.velocity(drift_state)
+        end = jax.lax.while_loop(
+            on.unfinished,
+            lambda at: on.advance(velocity, guidance.on_forced_step, mask, at),
+            sample,
+        )
+        return end, drift_state
+
+    drift_state = drift.init(z0)
+    sample = steps.start(guided.velocity(drift_state), state, z0, condition)
+    end = _over_macro_steps(macro_step, (sample, drift_state), steps, starts)
+    return _completed(_generation(grid, end), guidance, drift, solver, starts)
 
 
 def generate_batch(
@@ -117,6 +135,7 @@ def generate_batch(
     *,
     grid: Float[Array | np.ndarray, " points"] | None = None,
     solver: RungeKutta = EULER,
+    drift: AbstractDrift = EVERY_STEP,
     guard: StepGuard | None = GUARD,
     mask: Bool[Array | np.ndarray, "samples agents"] | None = None,
     stops: Float[Array | np.ndarray, "samples agents"] | None = None,
@@ -130,36 +149,69 @@ def generate_batch(
 
     Args: as of `generate`, where `z0`, `mask`, `stops` and the leaves of `condition` have a leading axis of samples.
     """
-    z0, grid = _checked_start(z0, 3), _checked_grid(grid, z0)
-    mask, stops = _per_agent("mask", mask, z0, bool), _per_agent("stops", stops, z0, z0.dtype)
+    z0, grid = checked_start(z0, 3), checked_grid(grid, refined_grid, z0)
+    grid, starts = aligned(grid, drift.macro_grid())
+    mask, stops = per_agent("mask", mask, z0, bool), per_agent("stops", stops, z0, z0.dtype)
     check_leading_axis(condition, len(z0))
     inputs = (condition, mask, stops)
+    guided_by = partial(GuidedField, field, guidance, drift, grid)
     if guard is None or not guidance.names:
 
-        def fixed(z0: Float[Array, "agents dim"], inputs: tuple[Any, Any, Any]) -> Generation:
-            condition, mask, stops = inputs
-            velocity = _velocity(field, guidance, condition, mask, stops)
-            state = guidance.init(z0, condition, mask)
+        def fixed(z0: States, inputs: _Inputs) -> Generation:
+            state = guidance.init(z0, *inputs[:2])
             return _fixed_steps(
-                velocity, state, z0, condition, grid, solver, mask, keep_trace, keep_path
+                guided_by(*inputs), state, z0, starts, solver, keep_trace, keep_path
             )
 
-        return _signed(jax.vmap(fixed)(z0, inputs), guidance)
+        return _completed(jax.vmap(fixed)(z0, inputs), guidance, drift, solver, starts)
     steps = GuardedSteps(grid, solver, guard, keep_trace, keep_path)
 
-    def start(z0: Float[Array, "agents dim"], inputs: tuple[Any, Any, Any]) -> SampleProgress:
-        condition, mask, stops = inputs
-        state = guidance.init(z0, condition, mask)
-        velocity = _velocity(field, guidance, condition, mask, stops)
-        return steps.start(velocity, state, z0, condition)
+    def start(z0: States, inputs: _Inputs) -> _Carry:
+        state, drift_state = guidance.init(z0, *inputs[:2]), drift.init(z0)
+        velocity = guided_by(*inputs).velocity(drift_state)
+        return steps.start(velocity, state, z0, inputs[0]), drift_state
 
-    def advance(inputs: tuple[Any, Any, Any], at: SampleProgress) -> SampleProgress:
-        condition, mask, stops = inputs
-        velocity = _velocity(field, guidance, condition, mask, stops)
-        return steps.advance(velocity, guidance.on_forced_step, mask, at)
+    def macro_step(carry: _Carry, interval: Interval, on: GuardedSteps) -> _Carry:
+        def begin(inputs: _Inputs, drift_state: Any, z: States) -> Any:
+            return drift.step(guided_by(*inputs).nominal, drift_state, interval, z)
 
-    end = finish(steps, advance, inputs, jax.vmap(start)(z0, inputs))
-    return _signed(_generation(jnp.broadcast_to(grid, (len(z0), len(grid))), end), guidance)
+        def advance(given: tuple[_Inputs, Any], at: SampleProgress) -> SampleProgress:
+            inputs, drift_state = given
+            velocity = guided_by(*inputs).velocity(drift_state)
+            return on.advance(velocity, guidance.on_forced_step, inputs[1], at)
+
+        samples, drift_states = carry
+        drift_states = jax.vmap(begin)(inputs, drift_states, samples.proposed_z)
+        return finish(on, advance, (inputs, drift_states), samples), drift_states
+
+    end = _over_macro_steps(macro_step, jax.vmap(start)(z0, inputs), steps, starts)
+    batch = _generation(jnp.broadcast_to(grid, (len(z0), len(grid))), end)
+    return _completed(batch, guidance, drift, solver, starts)
+
+
+_Inputs = tuple[Any, Mask, Float[Array, " agents"] | None]
+"""Condition, mask and stops of one sample."""
+
+_Carry = tuple[SampleProgress, Any]
+"""A sample under way, or a batch of them, and the state of the drift."""
+
+
+def _over_macro_steps(
+    run: Callable[[_Carry, Interval, GuardedSteps], _Carry],
+    carry: _Carry,
+    steps: GuardedSteps,
+    starts: Int[Array, " macro_steps"],
+) -> SampleProgress:
+    """One macro step after another: the field is evaluated outside of the loops over guided steps."""
+    grid = steps.grid
+    if len(starts) == 1:
+        return run(carry, (grid[0], grid[-1]), steps)[0]
+
+    def one(carry: _Carry, interval: Interval) -> tuple[_Carry, None]:
+        return run(carry, interval, steps._replace(until=interval[1])), None
+
+    intervals = grid[starts], jnp.append(grid[starts[1:]], grid[-1])
+    return jax.lax.scan(one, carry, intervals)[0][0]
 
 
 def _generation(tau: Float[Array, "... points"], end: SampleProgress) -> Generation:
@@ -167,149 +219,94 @@ def _generation(tau: Float[Array, "... points"], end: SampleProgress) -> Generat
     return Generation(end.z, end.summary, trace, end.path)
 
 
-def _signed(generation: Generation, guidance: AbstractGuidance) -> Generation:
-    """With the numbers of the requirements under which it was generated."""
+def _completed(
+    generation: Generation,
+    guidance: AbstractGuidance,
+    drift: AbstractDrift,
+    solver: RungeKutta,
+    starts: Int[Array, " macro_steps"],
+) -> Generation:
+    """With the numbers of the requirements under which it was generated, and those of field evaluations."""
     numbers = requirement_numbers(getattr(guidance, "requirements", ()))
-    shape = *generation.summary.points.shape, len(numbers)
+    summary = generation.summary
+    evaluations = summary.work.evaluations * len(solver.weights)
+    if drift.step_evaluations:
+        evaluations = jnp.full_like(evaluations, drift.step_evaluations * len(starts))
+    shape = *summary.points.shape, len(numbers)
     return generation._replace(
-        summary=generation.summary._replace(requirements=jnp.broadcast_to(numbers, shape))
+        summary=summary._replace(
+            requirements=jnp.broadcast_to(numbers, shape),
+            work=summary.work._replace(field_evaluations=evaluations),
+        )
     )
 
 
-def _velocity(
-    field: Field,
-    guidance: AbstractGuidance,
-    condition: Any,
-    mask: Bool[Array, " agents"] | None,
-    stops: Float[Array, " agents"] | None,
-) -> Velocity:
-    """dz/dtau of the guided field."""
+class _FixedStep(NamedTuple):
+    """A step of the grid.
 
-    def velocity(
-        state: Any, tau: Float[Array, ""], z: Float[Array, "agents dim"]
-    ) -> tuple[Any, Float[Array, "agents dim"], GuidanceReport]:
-        drift = _checked_drift(field(tau, z, condition), z)
-        moving = mask
-        if stops is not None:
-            moving = tau < stops if mask is None else mask & (tau < stops)
-        if moving is None:
-            state, correction, report = guidance(state, tau, z, drift, condition)
-            return state, drift + correction, report
-        drift = jnp.where(moving[:, None], drift, 0.0)
-        state, correction, report = guidance(state, tau, z, drift, condition, moving)
-        return state, drift + jnp.where(moving[:, None], correction, 0.0), report
+    Attributes:
+        number: Of the step, from 0.
+        tau: Where it begins.
+        after: Where it ends.
+        last: Whether it is none, after tau = 1.
+        begins: Whether a macro step begins there.
+        macro_end: Where that ends.
+    """
 
-    return velocity
+    number: Int[Array, ""]
+    tau: Scalar
+    after: Scalar
+    last: Bool[Array, ""]
+    begins: Bool[Array, ""]
+    macro_end: Scalar
+
+
+_FixedCarry = tuple[Any, Any, States, Summary]
+"""State of the guidance, state of the drift, z and the summary so far."""
 
 
 def _fixed_steps(
-    velocity: Velocity,
+    guided: GuidedField,
     state: Any,
-    z0: Float[Array, "agents dim"],
-    condition: Any,
-    grid: Float[Array, " points"],
+    z0: States,
+    starts: Int[Array, " macro_steps"],
     solver: RungeKutta,
-    mask: Bool[Array, " agents"] | None,
     keep_trace: bool,
     keep_path: bool,
 ) -> Generation:
     yes, no = jnp.asarray(True), jnp.asarray(False)
-    *_, shapes = jax.eval_shape(velocity, state, grid[0], z0)
+    grid, drift, drift_state = guided.grid, guided.drift, guided.drift.init(z0)
+    *_, shapes = jax.eval_shape(guided.velocity(drift_state), state, starts[0], grid[0], z0)
     nowhere = jnp.zeros(shapes.value.shape, bool)
 
-    def step(
-        at: tuple[Any, Float[Array, "agents dim"], Summary],
-        span: tuple[Float[Array, ""], Float[Array, ""], Bool[Array, ""]],
-    ) -> tuple[tuple[Any, Float[Array, "agents dim"], Summary], Any]:
-        (state, z, summary), (tau, after, last) = at, span
-        state, slope, report = velocity(state, tau, z)
-        point = Point(tau, z, report, yes, no, nowhere, no, nowhere, last)
-        end = solver.step(lambda t, x: velocity(state, t, x)[1], tau, z, slope, after - tau)
+    def step(carry: _FixedCarry, at: _FixedStep) -> tuple[_FixedCarry, Any]:
+        state, drift_state, z, summary = carry
+        if drift.step_evaluations:
+            # The same points for all samples of a batch: at the others, no field is evaluated.
+            drift_state = jax.lax.cond(
+                at.begins,
+                lambda old: drift.step(guided.nominal, old, (at.tau, at.macro_end), z),
+                lambda old: old,
+                drift_state,
+            )
+        velocity = guided.velocity(drift_state)
+        state, slope, report = velocity(state, at.number, at.tau, z)
+        point = Point(at.tau, z, report, yes, no, nowhere, no, nowhere, at.last)
+        end = solver.step(
+            lambda t, x: velocity(state, at.number, t, x)[1], at.tau, z, slope, at.after - at.tau
+        )
         # No step follows tau = 1, where some fields are infinite.
-        ahead = state, jnp.where(last, z, end), add_point(summary, point, mask)
+        summary = add_point(summary, point, guided.mask)
+        ahead = state, drift_state, jnp.where(at.last, z, end), summary
         return ahead, (traced(report) if keep_trace else None, z if keep_path else None)
 
-    spans = grid, jnp.append(grid[1:], grid[-1]), jnp.arange(len(grid)) == len(grid) - 1
-    start = state, z0, empty_summary(grid, z0, condition, shapes.value.shape[0])
-    (_, z, summary), (trace, path) = jax.lax.scan(step, start, spans)
+    number = jnp.arange(len(grid))
+    macro_ends = jnp.append(grid[starts[1:]], grid[-1])
+    spans = _FixedStep(
+        number, grid, jnp.append(grid[1:], grid[-1]), number == len(grid) - 1,
+        jnp.zeros(len(grid), bool).at[starts].set(True),
+        jnp.zeros_like(grid).at[starts].set(macro_ends),
+    )  # fmt: skip
+    start = state, drift_state, z0, empty_summary(grid, z0, guided.condition, len(shapes.value))
+    (_, _, z, summary), (trace, path) = jax.lax.scan(step, start, spans)
     return Generation(z, summary, None if trace is None else Trace(grid, *trace), path)
-
-
-def _checked_start(z0: Any, ndim: int) -> Array:
-    """z(0) as an array of JAX."""
-    start = z0 if isinstance(z0, jax.Array | np.ndarray) else np.asarray(z0)
-    shape = "(agents, dim)" if ndim == 2 else "(samples, agents, dim)"
-    if not jnp.issubdtype(start.dtype, jnp.floating):
-        raise TypeError(f"`z0` must be a floating-point array of shape {shape}; got {start.dtype}.")
-    if start.ndim != ndim or 0 in start.shape:
-        other = {2: " `generate` takes one sample.", 3: " `generate_batch` takes a batch."}
-        hint = other.get(start.ndim, "") if start.ndim != ndim else ""
-        raise ValueError(f"`z0` must have shape {shape}; got {start.shape}.{hint}")
-    return jnp.asarray(start)
-
-
-def _checked_grid(grid: Any, z0: Any) -> Float[Array, " points"]:
-    """The grid in the type of the states; its values are looked at where they are known."""
-    dtype = jnp.asarray(z0).dtype
-    if grid is None:
-        grid = refined_grid()
-    elif not isinstance(grid, jax.Array):
-        grid = np.asarray(grid, np.float64)
-    if grid.ndim != 1 or len(grid) < 2:
-        raise ValueError(
-            f"`grid` must be at least two values of tau, of shape (points,); got shape {grid.shape}."
-        )
-    if not isinstance(grid, jax.core.Tracer):
-        check_tau("grid", np.asarray(np.asarray(grid, dtype), np.float64))
-    return jnp.asarray(grid, dtype)
-
-
-def check_tau(name: str, tau: Float[np.ndarray, " points"]) -> None:
-    """Raises `ValueError` unless values of tau increase from 0 to 1."""
-    if not (np.diff(tau) > 0).all():
-        k = int(np.argmin(np.diff(tau) > 0))
-        raise ValueError(
-            f"`{name}` must increase; got {tau[k]:.6g} before {tau[k + 1]:.6g} at point {k + 1}."
-        )
-    if tau[0] != 0 or tau[-1] != 1:
-        raise ValueError(f"`{name}` must go from 0 to 1; got {tau[0]:.6g} to {tau[-1]:.6g}.")
-
-
-def _per_agent(name: str, value: Any, z0: Any, dtype: Any) -> Array | None:
-    """A value for each agent (and sample), in a type."""
-    if value is None:
-        return None
-    array = value if isinstance(value, jax.Array | np.ndarray) else np.asarray(value)
-    if dtype is bool and array.dtype != bool:
-        raise TypeError(
-            f"`{name}` must be boolean, True for agents that are present; got {array.dtype}."
-        )
-    if array.shape != z0.shape[:-1]:
-        raise ValueError(
-            f"`{name}` must have shape {z0.shape[:-1]}, one value for each agent; got {array.shape}."
-        )
-    return jnp.asarray(array, dtype)
-
-
-def check_leading_axis(condition: Any, samples: int, name: str = "condition") -> None:
-    """Raises `ValueError` unless every leaf of a condition has a leading axis of samples."""
-    for path, leaf in jax.tree_util.tree_leaves_with_path(condition):
-        if jnp.ndim(leaf) == 0 or jnp.shape(leaf)[0] != samples:
-            raise ValueError(
-                f"every leaf of `{name}` must have a leading axis of {samples} samples; "
-                f"got shape {jnp.shape(leaf)} at {name}{jax.tree_util.keystr(path)}. One condition for all samples is "
-                "broadcast first: `jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (samples, *jnp.shape(leaf))), condition)`."
-            )
-
-
-def _checked_drift(drift: Any, z: Float[Array, "agents dim"]) -> Float[Array, "agents dim"]:
-    """The field's value, of the shape and in the type of the states: nothing is broadcast."""
-    is_array = isinstance(drift, jax.Array | np.ndarray)
-    if not is_array or not jnp.issubdtype(drift.dtype, jnp.floating):
-        kind = drift.dtype if is_array else type(drift).__name__
-        raise TypeError(f"`field` must return a floating-point array, dz/dtau; got {kind}.")
-    if drift.shape != z.shape:
-        raise ValueError(
-            f"`field` must return dz/dtau of the shape of z, {z.shape}; got {drift.shape}."
-        )
-    return jnp.asarray(drift, z.dtype)

@@ -11,11 +11,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from .arguments import check_leading_axis
 from .blocks import blocks, map_blocks, padded_batch
 from .certificate import Certificate
 from .certification import as_guidance, certify_batch
+from .drift import EVERY_STEP, AbstractDrift
 from .flow import Field
-from .generation import GUARD, Generation, check_leading_axis, generate_batch
+from .generation import GUARD, Generation, generate_batch
 from .guidance import AbstractGuidance, AbstractRequirement, DecoupledGuidance, NoGuidance
 from .redraw import Candidate, redraw_until_satisfied
 from .solver import EULER, RungeKutta
@@ -98,6 +100,7 @@ def sample(
     guided: bool = True,
     grid: Float[np.ndarray | Array, " points"] | None = None,
     solver: RungeKutta = EULER,
+    drift: AbstractDrift = EVERY_STEP,
     guard: StepGuard | None = GUARD,
     agents: Sequence[str] | None = None,
     keep_trace: bool = False,
@@ -123,6 +126,7 @@ def sample(
         guided: False for nominal samples, drawn once and judged by the same requirements.
         grid: As of `generate`.
         solver: As of `generate`.
+        drift: As of `generate`.
         guard: As of `generate`.
         agents: What certificates call the agents; "agent 0", ... if None.
         keep_trace: Certificates have every requirement's value against its limit at every grid point.
@@ -142,7 +146,7 @@ def sample(
     guidance: AbstractGuidance = judge if guided else NoGuidance()
     run = _Run(
         field, guidance, judge, key, (shape[0], shape[1]), initial, condition, conditions,
-        _masks(mask, masks, count), grid, solver, guard if guided else None, agents, keep_trace,
+        _masks(mask, masks, count), grid, solver, drift, guard if guided else None, agents, keep_trace,
     )  # fmt: skip
     satisfied = 0
 
@@ -218,6 +222,7 @@ class _Run(NamedTuple):
     masks: Bool[np.ndarray, "samples agents"] | None
     grid: Any
     solver: RungeKutta
+    drift: AbstractDrift
     guard: StepGuard | None
     agents: Sequence[str] | None
     keep_trace: bool
@@ -253,7 +258,8 @@ class _Run(NamedTuple):
         masks = None if self.masks is None else self.masks[padded]
         generations = _program(
             self.field, self.guidance, self.key, padded, np.asarray(draw), self.shape, self.initial,
-            self._conditions_of(padded), masks, self.grid, self.solver, self.guard, self.keep_trace,
+            self._conditions_of(padded), masks, self.grid, self.solver, self.drift, self.guard,
+            self.keep_trace,
         )  # fmt: skip
         return jax.tree.map(lambda leaf: np.asarray(leaf)[: len(numbers)], generations)
 
@@ -271,6 +277,7 @@ def _program(
     masks: Bool[Array | np.ndarray, "samples agents"] | None,
     grid: Float[Array | np.ndarray, " points"] | None,
     solver: RungeKutta,
+    drift: AbstractDrift,
     guard: StepGuard | None,
     keep_trace: bool,
 ) -> Generation:
@@ -283,6 +290,6 @@ def _program(
 
     z0 = jax.vmap(start)(jnp.asarray(numbers))
     return generate_batch(
-        field, guidance, z0, conditions, grid=grid, solver=solver, guard=guard, mask=masks,
-        keep_trace=keep_trace,
+        field, guidance, z0, conditions, grid=grid, solver=solver, drift=drift, guard=guard,
+        mask=masks, keep_trace=keep_trace,
     )  # fmt: skip

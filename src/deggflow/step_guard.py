@@ -13,15 +13,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from .guidance import GuidanceReport
+from .guided_field import Velocity
 from .solver import RungeKutta
 from .trace import Point, Summary, TracedReport, add_point, empty_summary, traced
-
-Velocity = Callable[
-    [Any, Float[Array, ""], Float[Array, "agents dim"]],
-    tuple[Any, Float[Array, "agents dim"], GuidanceReport],
-]
-"""(state of the guidance, tau, z) -> the state after this point, dz/dtau, and what the guidance reports."""
 
 OnForcedStep = Callable[[Any, Float[Array, ""], Float[Array, " rows"], Bool[Array, " rows"]], Any]
 
@@ -94,6 +88,7 @@ class GuardedSteps(NamedTuple):
         guard: How often steps are halved.
         keep_trace: Whether the trace is kept.
         keep_path: Whether z is kept at every point of the grid.
+        until: Grid point at which samples wait, once it is proposed, for the next macro step; None: they go to the end.
     """
 
     grid: Float[Array, " points"]
@@ -101,6 +96,7 @@ class GuardedSteps(NamedTuple):
     guard: StepGuard
     keep_trace: bool
     keep_path: bool
+    until: Float[Array, ""] | None = None
 
     def start(
         self, velocity: Velocity, state: Any, z0: Float[Array, "agents dim"], condition: Any
@@ -108,7 +104,7 @@ class GuardedSteps(NamedTuple):
         """Progress of a sample that proposes z(0)."""
         points, tau = self.grid.shape[0], self.grid[0]
         none = jnp.zeros((), jnp.int32)
-        *_, shapes = jax.eval_shape(velocity, state, tau, z0)
+        *_, shapes = jax.eval_shape(velocity, state, none, tau, z0)
         row = jnp.zeros_like(shapes.value)
         trace = jax.tree.map(lambda one: jnp.zeros((points, *one.shape), one.dtype), traced(shapes))
         return SampleProgress(
@@ -128,16 +124,18 @@ class GuardedSteps(NamedTuple):
         mask: Bool[Array, " agents"] | None,
         at: SampleProgress,
     ) -> SampleProgress:
-        """Evaluates the proposed point, accepts or refuses it, and proposes another; a sample that is done stays."""
+        """Evaluates the proposed point, accepts or refuses it, and proposes another; a sample that is done or waits stays."""
         points, active = self.grid.shape[0], self.unfinished(at)
-        then, slope, report = velocity(at.state, at.proposed_tau, at.proposed_z)
+        at_goal = at.proposed_tau == self.grid[at.goal]
+        step = jnp.where(at_goal, at.goal, at.goal - 1)
+        then, slope, report = velocity(at.state, step, at.proposed_tau, at.proposed_z)
         # NaN counts as exceeding the limit; no step led to the first point.
         over = ~(report.value <= report.limit) & (at.goal > 0)
         within = ~jnp.any(over)
         accept = active & (within | (at.left == 0))
         refuse = active & ~accept
         forced = accept & ~within
-        reached = accept & (at.proposed_tau == self.grid[at.goal])
+        reached = accept & at_goal
         goal = at.goal + reached
         recovered = on_forced_step(then, at.proposed_tau, report.value, over)
         state = jax.tree.map(
@@ -164,7 +162,7 @@ class GuardedSteps(NamedTuple):
         ahead = self.grid[jnp.minimum(goal, points - 1)]
         after = jnp.where(refuse, tau + size / 2, ahead)
         proposed_z = self.solver.step(
-            lambda t, x: velocity(state, t, x)[1], tau, z, slope, after - tau
+            lambda t, x: velocity(state, goal - 1, t, x)[1], tau, z, slope, after - tau
         )
         spot = jnp.where(reached, at.goal, points)  # beyond the end: not written
         return SampleProgress(
@@ -188,8 +186,11 @@ class GuardedSteps(NamedTuple):
         )  # fmt: skip
 
     def unfinished(self, at: SampleProgress) -> Bool[Array, "..."]:
-        """Whether there are grid points left to reach; of one sample or of a batch."""
-        return at.goal < self.grid.shape[0]
+        """Whether there are points left to evaluate in this macro step; of one sample or of a batch."""
+        left = at.goal < self.grid.shape[0]
+        if self.until is None:
+            return left
+        return left & ((at.proposed_tau < self.until) | (self.until == self.grid[-1]))
 
 
 Advance = Callable[[Any, SampleProgress], SampleProgress]
@@ -199,7 +200,7 @@ Advance = Callable[[Any, SampleProgress], SampleProgress]
 def finish(
     steps: GuardedSteps, advance: Advance, inputs: Any, samples: SampleProgress
 ) -> SampleProgress:
-    """Carries a batch of samples to the end; the few that most of it would wait for are gathered and go on alone.
+    """Carries a batch of samples to the end of the macro step; the few that most of it would wait for are gathered and go on alone.
 
     Args:
         steps: Grid, scheme and guard.
@@ -219,6 +220,6 @@ def finish(
     samples = until(few, inputs, samples)
     if not few:
         return samples
-    last = jnp.argsort(samples.goal)[:few]  # all that are unfinished are among them
+    last = jnp.argsort(~steps.unfinished(samples))[:few]  # all that are unfinished are among them
     part = jax.tree.map(lambda leaf: leaf[last], (inputs, samples))
     return jax.tree.map(lambda leaf, new: leaf.at[last].set(new), samples, until(0, *part))

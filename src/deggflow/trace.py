@@ -53,12 +53,14 @@ class Work(NamedTuple):
     """What the generation took.
 
     Attributes:
-        evaluations: Of the guided field, at the points that steps reached.
+        evaluations: Of the guidance, at the points that steps reached.
+        field_evaluations: Of the nominal field, stages of the scheme included; known at the end.
         refused_steps: Steps that ended above a limit and were halved.
         forced_steps: Steps that were taken although they ended above a limit.
     """
 
     evaluations: Int[Array, ""]
+    field_evaluations: Int[Array, ""]
     refused_steps: Int[Array, ""]
     forced_steps: Int[Array, ""]
 
@@ -176,7 +178,7 @@ def empty_summary(
         qp_infeasible_points=jnp.zeros(agents, jnp.int32), forced_steps=nothing,
         kink_points=jnp.zeros(rows, jnp.int32),
         nan=NotANumber(never, pair + jnp.inf, pair + jnp.inf, never),
-        work=Work(count, count, count),
+        work=Work(count, count, count, count),
     )  # fmt: skip
 
 
@@ -272,6 +274,7 @@ def add_point(so_far: Summary, point: Point, mask: Bool[Array, " agents"] | None
         ),
         work=Work(
             so_far.work.evaluations + (new | point.refused),
+            so_far.work.field_evaluations,
             so_far.work.refused_steps + point.refused,
             so_far.work.forced_steps + point.forced,
         ),

@@ -1,0 +1,327 @@
+"""Drifts that evaluate the field less often than guidance: their order, their guarantees, and how often the field is called."""
+
+import itertools
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from deggflow import (
+    DecoupledGuidance,
+    EveryStep,
+    Extrapolated,
+    Held,
+    Midpoint,
+    NoGuidance,
+    PrivateRequirement,
+    SharedFactor,
+    SharedRequirements,
+    StepGuard,
+    certify_batch,
+    generate,
+    generate_batch,
+    refined_grid,
+    sample,
+)
+from deggflow.drift import aligned, macro_grid
+from deggflow.solver import EULER, HEUN, RK4
+
+AGENTS, BUFFER = 3, 0.05
+MATRIX = jnp.array([[-1.0, 2.0], [-2.0, -0.5]])
+
+
+def smooth(tau, z, condition):
+    return jnp.tanh(z @ MATRIX.T) + jnp.sin(3 * tau)
+
+
+def margins(z, condition):
+    """Agents keep 1.0 apart."""
+    offset = z[:, None] - z[None] + 10.0 * jnp.eye(AGENTS)[..., None]
+    return jnp.linalg.norm(offset, axis=-1) - 1.0
+
+
+def wall(tau, z, condition):
+    """The agents' mean keeps within a disk."""
+    return jnp.sum(jnp.mean(z, axis=0) ** 2) - 0.25
+
+
+def crowd(tau, z, condition):
+    """Everybody to one point, ever faster."""
+    return (jnp.ones((1, 2)) - z) * (1.0 + 2.0 * tau) + jnp.tanh(z @ condition)
+
+
+APART = PrivateRequirement(margins, BUFFER, name="apart")
+MIXED = DecoupledGuidance((SharedRequirements((SharedFactor(wall, buffer=0.02),)), APART))
+
+
+def nominal_end(drift, z0, steps=150, solver=EULER):
+    grid = refined_grid(steps)
+    return np.asarray(
+        generate(smooth, NoGuidance(), z0, None, grid=grid, drift=drift, solver=solver).z
+    )
+
+
+@pytest.mark.parametrize("power", [1.0, 1.5])
+@pytest.mark.parametrize(
+    ("make", "order"),
+    [
+        (Held, 1),
+        (Midpoint, 2),
+        (lambda evaluations, power: Extrapolated(evaluations, 2, power), 2),
+        (lambda evaluations, power: Extrapolated(evaluations, 3, power), 3),
+    ],
+    ids=["held", "midpoint", "extrapolated-2", "extrapolated-3"],
+)
+def test_the_nominal_part_has_its_order(make, order, power, key):
+    with jax.enable_x64(True):
+        z0 = jnp.asarray(np.asarray(jax.random.normal(key, (AGENTS, 2))), jnp.float64)
+        exact = diffrax.diffeqsolve(
+            diffrax.ODETerm(lambda t, y, args: smooth(t, y, None)),
+            diffrax.Dopri8(), 0.0, 1.0, 0.01, z0,
+            stepsize_controller=diffrax.PIDController(rtol=1e-12, atol=1e-12),
+        ).ys[-1]  # fmt: skip
+        errors = [
+            np.abs(nominal_end(make(evaluations, power), z0) - np.asarray(exact)).max()
+            for evaluations in (32, 64, 128)
+        ]
+    slope = np.log2(errors[0] / errors[2]) / 2
+    assert slope == pytest.approx(order, abs=0.25), errors
+
+
+def test_the_nominal_part_is_adams_and_bashforth_s_on_any_grid_and_scheme(key):
+    """With steps that differ, by the weights that integrate the polynomial exactly."""
+    start = np.asarray(jax.random.normal(key, (AGENTS, 2)), np.float64)
+    tau, z, before = macro_grid(8), start, None
+    with jax.enable_x64(True):
+        for begin, end in itertools.pairwise(tau):
+            h, f = end - begin, np.asarray(smooth(begin, jnp.asarray(z), None))
+            if before is None:
+                step = h * f
+            else:
+                step = h * (f + h / (2 * (begin - before[0])) * (f - before[1]))
+            z, before = z + step, (begin, f)
+        for steps, solver in ((8, EULER), (33, EULER), (150, EULER), (20, HEUN), (20, RK4)):
+            ours = nominal_end(Extrapolated(8), jnp.asarray(start), steps, solver)
+            np.testing.assert_allclose(ours, z, atol=1e-12)
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    points=st.lists(st.floats(1e-3, 1.0), min_size=1, max_size=40),
+    evaluations=st.integers(1, 40),
+    power=st.floats(0.5, 3.0),
+)
+def test_the_grid_has_the_macro_grid_s_points(points, evaluations, power):
+    """As many points as before, in order, those of the macro grid among them."""
+    grid = np.concatenate([[0.0], np.cumsum(points) / np.sum(points)])
+    grid[-1] = 1.0
+    macro = macro_grid(evaluations, power)
+    with jax.enable_x64(True):
+        if evaluations > len(points):
+            with pytest.raises(ValueError, match="`grid` must have at least as many steps"):
+                aligned(jnp.asarray(grid), macro)
+            return
+        new, starts = jax.tree.map(np.asarray, aligned(jnp.asarray(grid), macro))
+    assert new.shape == grid.shape
+    assert (new[0], new[-1]) == (0, 1)
+    assert np.all(np.diff(new) > 0)
+    np.testing.assert_array_equal(new[starts], macro[:-1])
+    others = np.setdiff1d(np.arange(len(new)), starts)
+    np.testing.assert_array_equal(new[others], grid[others])
+
+
+DRIFTS = [
+    *(Held(count) for count in (1, 2, 4, 8, 16)),
+    *(Extrapolated(count) for count in (2, 8)),
+    *(Extrapolated(count, 3) for count in (4, 16)),
+    *(Midpoint(count) for count in (2, 8)),
+]
+
+
+def samples_of(drift, samples=48, guard=StepGuard(), steps=40, **options):  # noqa: B008
+    rng = np.random.default_rng(8)
+    with jax.enable_x64(True):
+        z0 = jnp.asarray(2.0 * rng.normal(size=(samples, AGENTS, 2)))
+        swirl = jnp.asarray(rng.normal(size=(samples, 2, 2)))
+        run = jax.jit(
+            lambda z0, swirl: generate_batch(
+                crowd, MIXED, z0, swirl, grid=refined_grid(steps), drift=drift, guard=guard,
+                **options,
+            )
+        )  # fmt: skip
+        made = jax.tree.map(np.asarray, run(z0, swirl))
+        return made, certify_batch(made, MIXED, np.asarray(swirl))
+
+
+@pytest.mark.parametrize("drift", DRIFTS, ids=str)
+def test_guarantees_hold_whatever_the_drift(drift):
+    made, certificates = samples_of(drift)
+    hold = np.asarray(made.summary.hypotheses_hold)
+    satisfied = np.array([each.satisfied for each in certificates])
+    assert hold.mean() > 0.8
+    assert satisfied[hold].all()
+    assert satisfied.mean() > 0.9
+    # Independently of certificates: the margins and the factor at z(1), and values at the points of the grid.
+    least = np.asarray(jax.vmap(lambda z: margins(z, None).min())(made.z))
+    factor = (made.z.mean(axis=1) ** 2).sum(-1) - 0.25
+    assert np.all(least[hold] >= 0)
+    assert np.all(factor[hold] <= 0)
+    kept = made.work.forced_steps == 0
+    assert np.all(made.trace.value[kept, 1:] <= made.trace.limit[kept, 1:])
+
+
+@pytest.mark.parametrize("drift", [Held(5), Extrapolated(6, 3), Midpoint(8)], ids=str)
+@pytest.mark.parametrize("guard", [None, StepGuard()], ids=["fixed", "guarded"])
+def test_a_batch_is_what_its_samples_are_alone(drift, guard):
+    rng = np.random.default_rng(8)
+    z0, swirl = 2.0 * rng.normal(size=(40, AGENTS, 2)), rng.normal(size=(40, 2, 2))
+    stops = rng.uniform(0.2, 1.4, (40, AGENTS))
+    mask = rng.random((40, AGENTS)) < 0.9
+    mask[:, 0] = True
+    options = {"grid": refined_grid(14), "guard": guard, "drift": drift, "keep_path": True}
+    left = DecoupledGuidance((SharedRequirements((SharedFactor(wall),)),))
+    with jax.enable_x64(True):
+        inputs = jax.tree.map(jnp.asarray, (z0, swirl, mask, stops))
+
+        def alone(z0, swirl, mask, stops):
+            return generate(crowd, left, z0, swirl, mask=mask, stops=stops, **options)
+
+        def batch(z0, swirl, mask, stops):
+            return generate_batch(crowd, left, z0, swirl, mask=mask, stops=stops, **options)
+
+        together = jax.tree.map(np.asarray, jax.jit(batch)(*inputs))
+        mapped = jax.tree.map(np.asarray, jax.jit(jax.vmap(alone))(*inputs))
+        one = [jax.tree.map(lambda leaf, k=k: leaf[k], inputs) for k in range(3)]
+        run = jax.jit(alone)
+        single = [run(*each) for each in one]
+    if guard is not None:
+        assert len(set(together.work.evaluations.tolist())) > 1  # they take differently long
+    first = jax.tree.map(lambda *leaves: np.array(leaves), *single)
+    pairs = [(mapped, together), (first, jax.tree.map(lambda leaf: leaf[:3], together))]
+    for expected, found in pairs:
+        for ours, wanted in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+            if wanted.dtype == np.float64:
+                np.testing.assert_allclose(ours, wanted, rtol=1e-7, atol=1e-8)
+            else:
+                np.testing.assert_array_equal(ours, wanted)
+    np.testing.assert_array_equal(together.path[:, -1], together.z)
+    absent = ~mask
+    np.testing.assert_array_equal(together.z[absent], z0[absent])
+
+
+class Counted:
+    """A field whose calls are counted; a batch is one call."""
+
+    def __init__(self):
+        self.calls = 0
+
+    def _evaluate(self, tau, z):
+        self.calls += 1
+        return np.asarray(1.0 - np.asarray(z))
+
+    def __call__(self, tau, z, condition):
+        shape = jax.ShapeDtypeStruct(z.shape, z.dtype)
+        return jax.pure_callback(self._evaluate, shape, tau, z, vmap_method="broadcast_all")
+
+
+@pytest.mark.parametrize(
+    "drift", [Held(1), Held(4), Extrapolated(8), Extrapolated(8, 3), Midpoint(6)], ids=str
+)
+@pytest.mark.parametrize("guard", [None, StepGuard()], ids=["fixed", "guarded"])
+def test_the_field_is_called_once_for_each_evaluation(drift, guard):
+    rng = np.random.default_rng(1)
+    z0 = jnp.asarray(rng.normal(size=(20, AGENTS, 2)), jnp.float32)
+    guidance = DecoupledGuidance((APART,))
+    options = {"drift": drift, "guard": guard, "grid": refined_grid(30)}
+    for run in (
+        lambda field: generate_batch(field, guidance, z0, None, **options),
+        lambda field: jax.vmap(lambda z: generate(field, guidance, z, None, **options))(z0),
+        lambda field: generate(field, guidance, z0[0], None, **options),
+        lambda field: generate(field, NoGuidance(), z0[0], None, **options),
+    ):
+        field = Counted()
+        work = jax.block_until_ready(jax.jit(lambda field=field, run=run: run(field))()).work
+        assert field.calls == drift.evaluations
+        np.testing.assert_array_equal(work.field_evaluations, drift.evaluations)
+        assert np.all(np.asarray(work.evaluations) >= 31)
+
+
+def test_every_step_is_the_default_and_counts_every_evaluation():
+    z0 = jnp.asarray(np.random.default_rng(1).normal(size=(AGENTS, 2)), jnp.float32)
+    for solver, stages in ((EULER, 1), (HEUN, 2)):
+        given = generate(crowd, MIXED, z0, jnp.eye(2), solver=solver, drift=EveryStep())
+        default = generate(crowd, MIXED, z0, jnp.eye(2), solver=solver)
+        for one, other in zip(jax.tree.leaves(given), jax.tree.leaves(default), strict=True):
+            np.testing.assert_array_equal(one, other)
+        assert int(given.work.field_evaluations) == stages * int(given.work.evaluations)
+
+
+def test_the_grid_may_be_an_argument_of_the_program():
+    z0 = jnp.asarray(np.random.default_rng(1).normal(size=(AGENTS, 2)), jnp.float32)
+
+    def run(grid):
+        return generate(crowd, MIXED, z0, jnp.eye(2), grid=grid, drift=Extrapolated(6))
+
+    given = jax.jit(run)(refined_grid(30))
+    np.testing.assert_array_equal(np.isin(macro_grid(6).astype(np.float32), given.trace.tau), True)
+    np.testing.assert_allclose(given.z, run(refined_grid(30)).z, atol=1e-4)
+
+
+def test_fixed_steps_have_a_gradient():
+    with jax.enable_x64(True):
+        z0 = jnp.asarray(np.random.default_rng(1).normal(size=(AGENTS, 2)))
+
+        def end(z0):
+            out = generate(
+                smooth, NoGuidance(), z0, None, drift=Extrapolated(6), guard=None,
+                grid=refined_grid(12),
+            )  # fmt: skip
+            return jnp.sum(out.z**2)
+
+        gradient, eps = np.asarray(jax.grad(end)(z0)), 1e-6
+        ahead = jnp.zeros_like(z0).at[1, 0].set(eps)
+        slope = (end(z0 + ahead) - end(z0 - ahead)) / (2 * eps)
+    assert gradient[1, 0] == pytest.approx(float(slope), rel=1e-6)
+
+
+def test_a_one_step_model_is_guided_with_one_evaluation():
+    """Its value at tau = 0 is the mean velocity up to tau = 1; anything later is wrong."""
+    target = jnp.array([[0.2, 0.0], [0.0, 0.3], [-0.3, 0.1]])
+
+    def mean_velocity(tau, z, condition):
+        return jnp.where(tau == 0, target - z, jnp.nan)
+
+    result = sample(
+        mean_velocity, (APART,), key=jax.random.key(0), count=16, shape=(AGENTS, 2), drift=Held(1)
+    )
+    assert result.satisfied.all()
+    nominal = generate(mean_velocity, NoGuidance(), jnp.ones((AGENTS, 2)), None, drift=Held(1))
+    np.testing.assert_allclose(nominal.z, target, atol=1e-5)
+
+
+def test_an_infinite_field_is_reported():
+    def broken(tau, z, condition):
+        return jnp.where(tau > 0.5, jnp.nan, -z)
+
+    out = generate(broken, MIXED, jnp.ones((AGENTS, 2)), jnp.eye(2), drift=Extrapolated(4))
+    assert not out.summary.hypotheses_hold
+    assert np.all(np.asarray(out.summary.nan.drift) > 0.5)
+    assert np.all(np.asarray(out.summary.nan.drift) < 0.7)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Held(0), "`evaluations` must be a positive number; got 0"),
+        (lambda: Midpoint(5), "`evaluations` must be even, as each step takes two; got 5"),
+        (lambda: Extrapolated(5, 4), "`order` must be 2 or 3; got 4"),
+        (lambda: Held(5, power=0.0), "`power` must be positive"),
+    ],
+)
+def test_wrong_settings_are_refused(make, message):
+    with pytest.raises((ValueError, TypeError), match=message):
+        make()
