@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .blocks import map_padded, padded_batch
+from .drift import EVERY_STEP, AbstractDrift
 from .flow import Field
 from .generation import Generation, generate, generate_batch
 from .guidance import AbstractGuidance
@@ -19,8 +20,10 @@ from .step_guard import StepGuard
 
 Grid = Float[Array, " points"]
 
-Program = Callable[[Any, AbstractGuidance, Array, Any, Grid, StepGuard | None, bool], Generation]
-"""(field, guidance, z(0), conditions, grid, guard, keep_trace) -> the generation of a batch."""
+Program = Callable[
+    [Any, AbstractGuidance, Array, Any, Grid, AbstractDrift, StepGuard | None, bool], Generation
+]
+"""(field, guidance, z(0), conditions, grid, drift, guard, keep_trace) -> the generation of a batch."""
 
 
 def masked_batch(
@@ -29,13 +32,14 @@ def masked_batch(
     z0: Float[Array, "samples agents dim"],
     conditions: Any,
     grid: Grid,
+    drift: AbstractDrift,
     guard: StepGuard | None,
     keep_trace: bool,
 ) -> Generation:
     """`generate_batch` under conditions that have a mask of the agents that are present."""
     return generate_batch(
-        field, guidance, z0, conditions, grid=grid, guard=guard, mask=conditions.mask,
-        keep_trace=keep_trace,
+        field, guidance, z0, conditions, grid=grid, drift=drift, guard=guard,
+        mask=conditions.mask, keep_trace=keep_trace,
     )  # fmt: skip
 
 
@@ -46,14 +50,15 @@ def masked_sample(
     z0: States,
     condition: Any,
     grid: Grid,
+    drift: AbstractDrift,
     guard: StepGuard | None,
     keep_trace: bool,
     keep_path: bool,
 ) -> Generation:
     """`generate`, compiled, under a condition that has a mask of the agents that are present."""
     return generate(
-        field, guidance, z0, condition, grid=grid, guard=guard, mask=condition.mask,
-        keep_trace=keep_trace, keep_path=keep_path,
+        field, guidance, z0, condition, grid=grid, drift=drift, guard=guard,
+        mask=condition.mask, keep_trace=keep_trace, keep_path=keep_path,
     )  # fmt: skip
 
 
@@ -61,10 +66,16 @@ class Sampler:
     """Generates batches of any size with one field; compiled programs are kept between calls."""
 
     def __init__(
-        self, field: Any, grid: Grid, guard: StepGuard | None, program: Program = masked_batch
+        self,
+        field: Any,
+        grid: Grid,
+        guard: StepGuard | None,
+        program: Program = masked_batch,
+        *,
+        drift: AbstractDrift = EVERY_STEP,
     ) -> None:
-        """Args: field: nominal field; grid: values of tau; guard: of guided steps; program: generates a batch."""
-        self._grid, self._guard = grid, guard
+        """Args: field: nominal field; grid: values of tau; guard: of guided steps; program: generates a batch; drift: of `generate`."""
+        self._how = grid, drift, guard
         self._together = partial(_compiled(program), field)
         # Of a few rows, laying out the weights is most of a product's work: as constants they are laid out once.
         self._alone = eqx.filter_jit(partial(program, field))
@@ -86,7 +97,7 @@ class Sampler:
         def block(rows: Int[np.ndarray, " samples"]) -> Generation:
             program = self._alone if len(rows) == 1 else self._together
             picked = jnp.asarray(z0[rows]), jax.tree.map(lambda leaf: leaf[rows], conditions)
-            return program(guidance, *picked, self._grid, self._guard, keep_trace)
+            return program(guidance, *picked, *self._how, keep_trace)
 
         kind = z0.shape[1], keep_trace, guidance.names
         generation = map_padded(block, len(z0), compiled=kind in self._known)

@@ -6,6 +6,7 @@ nothing broken on the way; else it is drawn again, and where no draw serves, the
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import takewhile
 from typing import Any, NamedTuple
 
@@ -14,6 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deggflow.divergence import has_diverged
+from deggflow.drift import EVERY_STEP, AbstractDrift
 from deggflow.guidance import AbstractGuidance, NoGuidance
 from deggflow.redraw import Candidate, redraw_until_satisfied
 
@@ -157,6 +159,7 @@ class BridgeGenerator:
         *,
         steps: int = STEPS,
         power: float = POWER,
+        drift: AbstractDrift = EVERY_STEP,
         speed_limit: float | None = None,
     ) -> None:
         """One field, one guidance.
@@ -166,11 +169,12 @@ class BridgeGenerator:
             guidance: `NoGuidance()` if None.
             steps: Of `refined_grid`.
             power: Of `refined_grid`.
+            drift: How often the field is evaluated, as of `generate`.
             speed_limit: Of contact points (m/s); guided policies that exceed it are refused. Guidance that
                 leads there has it, too.
         """
-        self.policies = PolicyGenerator(field, guidance, steps=steps, power=power)
-        self.finer = PolicyGenerator(field, guidance, steps=FINER * steps, power=power)
+        policies = partial(PolicyGenerator, field, guidance, power=power, drift=drift)
+        self.policies, self.finer = policies(steps=steps), policies(steps=FINER * steps)
         self.guided = not isinstance(self.policies.guidance, NoGuidance)
         self.speed_limit = speed_limit if self.guided else None
 

@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from deggflow.blocks import map_padded
 from deggflow.certificate import GenerationRecord
+from deggflow.drift import EVERY_STEP, AbstractDrift
 from deggflow.generation import Generation, generate, refined_grid
 from deggflow.guidance import AbstractGuidance, DecoupledGuidance, NoGuidance
 from deggflow.recording import record
@@ -62,12 +63,13 @@ def _generation(
     z0: States,
     condition: BridgeCondition,
     grid: Float[Array, " points"],
+    drift: AbstractDrift,
     guard: StepGuard | None,
     keep_trace: bool,
     keep_path: bool = False,
 ) -> Generation:
     return generate(
-        field.under(condition), guidance, z0, condition, grid=grid, guard=guard,
+        field.under(condition), guidance, z0, condition, grid=grid, drift=drift, guard=guard,
         mask=condition.mask, keep_trace=keep_trace, keep_path=keep_path,
     )  # fmt: skip
 
@@ -81,11 +83,12 @@ def _generations(
     noise: Float[Array, "trials agents dim"],
     condition: BridgeCondition,
     grid: Float[Array, " points"],
+    drift: AbstractDrift,
     guard: StepGuard | None,
     keep_trace: bool,
 ) -> Generation:
     def one(z0: States, trial: BridgeCondition) -> Generation:
-        return _generation(field, guidance, z0, trial, grid, guard, keep_trace)
+        return _generation(field, guidance, z0, trial, grid, drift, guard, keep_trace)
 
     return jax.vmap(one)(noise, condition)
 
@@ -120,13 +123,14 @@ class PolicyGenerator:
         *,
         steps: int = STEPS,
         power: float = POWER,
+        drift: AbstractDrift = EVERY_STEP,
         guard: StepGuard | None = GUARD,
     ) -> None:
-        """Args: field: nominal field; guidance: `NoGuidance()` if None; steps, power: of `refined_grid`."""
-        self.field, self.grid = field, refined_grid(steps, power)
+        """Args: field: nominal field; guidance: `NoGuidance()` if None; steps, power: of `refined_grid`; drift, guard: of `generate`."""
+        self.field, self.grid, self.drift = field, refined_grid(steps, power), drift
         self.guidance = NoGuidance() if guidance is None else guidance
         self.guard = None if guidance is None else guard
-        self._sampler = Sampler(field, self.grid, self.guard, _generations)
+        self._sampler = Sampler(field, self.grid, self.guard, _generations, drift=drift)
         self._compiled: set[int] = set()
 
     def batch(
@@ -191,7 +195,7 @@ class PolicyGenerator:
         keep_path: bool = False,
     ) -> Generation:
         start, single = jnp.asarray(z0[: len(condition.mask)]), rounded(condition)
-        how = self.grid, self.guard, keep_trace, keep_path
+        how = self.grid, self.drift, self.guard, keep_trace, keep_path
         return _compiled_generation(self.field, self.guidance, start, single, *how)
 
 

@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 
 from deggflow.certificate import Certificate, GenerationRecord
 from deggflow.divergence import REASON
+from deggflow.drift import EVERY_STEP, AbstractDrift
 from deggflow.flow import Field
 from deggflow.generation import DEFAULT_STEPS, Generation, refined_grid
 from deggflow.guidance import AbstractGuidance, DecoupledGuidance, NoGuidance
@@ -61,14 +62,24 @@ class TabletopGenerator:
         *,
         steps: int = DEFAULT_STEPS,
         power: float = 2.0,
+        drift: AbstractDrift = EVERY_STEP,
         guard: StepGuard | None = GUARD,
     ) -> None:
-        """Args: field: nominal field; guidance: `NoGuidance()` if None; steps, power: of `refined_grid`; guard: of guided steps; None: fixed steps."""
-        self.field, self.steps, self.power = field, steps, power
+        """One field, one guidance.
+
+        Args:
+            field: Nominal field.
+            guidance: `NoGuidance()` if None.
+            steps: Of `refined_grid`.
+            power: Of `refined_grid`.
+            drift: How often the field is evaluated, as of `generate`.
+            guard: Of guided steps; None: fixed steps.
+        """
+        self.field, self.steps, self.power, self.drift = field, steps, power, drift
         self.grid = refined_grid(steps, power)
         self.guidance = NoGuidance() if guidance is None else guidance
         self.guard = None if guidance is None else guard
-        self._sampler = Sampler(field, self.grid, self.guard)
+        self._sampler = Sampler(field, self.grid, self.guard, drift=drift)
 
     def guidance_for(self, condition: SceneCondition) -> AbstractGuidance:
         """The guidance, with the shared requirement on the centre of mass if the condition asks for it."""
@@ -121,7 +132,7 @@ class TabletopGenerator:
         """The generation of one scene from a given z(0), with z at every grid point."""
         scene = take(to_arrays([condition]), 0)
         guidance, start = self.guidance_for(condition), jnp.asarray(z0[: len(scene.mask)])
-        how = self.grid, self.guard, keep_trace, True
+        how = self.grid, self.drift, self.guard, keep_trace, True
         return masked_sample(self.field, guidance, start, scene, *how)
 
     def path(self, z0: Float[np.ndarray, "agents 3"], condition: SceneCondition) -> list[Poses]:

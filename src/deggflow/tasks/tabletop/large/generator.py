@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from deggflow.drift import EVERY_STEP, AbstractDrift
 from deggflow.field import MessagePassingField
 from deggflow.generation import DEFAULT_STEPS, Generation, refined_grid
 from deggflow.guidance import (
@@ -101,10 +102,11 @@ class LargeSceneGenerator:
         guided: bool = True,
         *,
         grid: Float[Array, " points"] | None = None,
+        drift: AbstractDrift = EVERY_STEP,
         guard: StepGuard | None = GUARD,
     ) -> None:
-        """Args: field: the tabletop's nominal field; guided: else nominal; grid: 130 steps if None; guard: of guided steps."""
-        self.field, self.guided = field, guided
+        """Args: field: the tabletop's nominal field; guided: else nominal; grid: 130 steps if None; drift: of `generate`; guard: of guided steps."""
+        self.field, self.guided, self.drift = field, guided, drift
         self.grid = refined_grid(_steps(DEFAULT_STEPS)) if grid is None else grid
         self.guard = guard if guided else None
 
@@ -167,7 +169,15 @@ class LargeSceneGenerator:
             guidance = self._guidance(condition, crowd)
             field = large_scene_field(self.field, HEARD * crowd)
             out = masked_sample(
-                field, guidance, z0, arrays, self.grid, self.guard, keep_trace, keep_path
+                field,
+                guidance,
+                z0,
+                arrays,
+                self.grid,
+                self.drift,
+                self.guard,
+                keep_trace,
+                keep_path,
             )
             if bool(jnp.isfinite(out.z).all()):
                 break
@@ -192,7 +202,9 @@ def large_scenes_like(generator: TabletopGenerator) -> LargeSceneGenerator:
     guided = isinstance(generator.guidance, DecoupledGuidance)
     guard = None if generator.guard is None else GUARD
     grid = refined_grid(_steps(generator.steps), generator.power)
-    return LargeSceneGenerator(generator.field, guided, grid=grid, guard=guard)
+    return LargeSceneGenerator(
+        generator.field, guided, grid=grid, drift=generator.drift, guard=guard
+    )
 
 
 def make_scenes(
