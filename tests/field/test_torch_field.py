@@ -11,7 +11,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from deggflow import NoGuidance, generate_batch, refined_grid
+from deggflow import (
+    DecoupledGuidance,
+    Extrapolated,
+    NoGuidance,
+    PrivateRequirement,
+    distances,
+    generate_batch,
+    refined_grid,
+)
 from deggflow.field import MessagePassingField, TeamFeatures
 from deggflow.tasks.tabletop.changes import random_conditions
 from deggflow.tasks.tabletop.condition import to_arrays
@@ -121,6 +129,26 @@ def test_a_batch_is_one_call_whatever_is_mapped(key):
     assert calls == [((20, 3, 2), (20,), (20, 3, 2))]
     wanted = z[:, None] * tau[None, :, None, None] + push[None, None]
     np.testing.assert_allclose(found, wanted, atol=1e-6)
+
+
+def test_a_drift_of_few_evaluations_calls_the_module_so_often(key):
+    calls = []
+
+    def model(x, t, push):
+        calls.append(len(t))
+        return push - x
+
+    field = TorchField(model, extras=lambda c: {"push": c})
+    apart = PrivateRequirement(lambda z, condition: distances(z) - 0.3, 0.02, name="apart")
+    z0, push = jax.random.normal(key, (20, 3, 2)), jnp.ones((20, 3, 2))
+    run = jax.jit(
+        lambda z0, push: generate_batch(
+            field, DecoupledGuidance((apart,)), z0, push, drift=Extrapolated(6)
+        )
+    )
+    work = jax.block_until_ready(run(z0, push)).work
+    assert calls == [20] * 6
+    np.testing.assert_array_equal(work.field_evaluations, 6)
 
 
 def test_generates_what_the_same_field_in_jax_generates(key):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from policy_cases import AGENTS, SCALES, K, T, at_rest, decoded, random_state
 
+from deggflow import Extrapolated
 from deggflow.tasks.bridge.condition import BridgeCondition, take
 from deggflow.tasks.bridge.field import load_field
 from deggflow.tasks.bridge.policies import Policies, PolicyGenerator, initial_noise
@@ -232,3 +233,11 @@ def test_noise_is_standard_normal():
     assert abs(noise.mean()) < 4 * spread
     assert abs(noise.var() - 1) < 4 * math.sqrt(2) * spread
     assert abs(np.mean(noise**4) - 3) < 4 * math.sqrt(96) * spread
+
+
+def test_few_evaluations_of_the_field_suffice(field):
+    few = PolicyGenerator(field, bridge_guidance(field.scales), drift=Extrapolated(8, power=1.0))
+    found = few.batch(NOISE, BATCH)
+    np.testing.assert_array_equal(found.summary.work.field_evaluations, 8)
+    assert np.all(found.q_task <= found.bound)
+    assert np.all(found.q_safe <= 0)

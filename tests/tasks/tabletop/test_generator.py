@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from deggflow import Extrapolated
 from deggflow.step_guard import StepGuard
 from deggflow.tasks.tabletop.changes import random_conditions
 from deggflow.tasks.tabletop.condition import SceneCondition
@@ -249,3 +250,15 @@ def test_reasons_tell_what_went_wrong_on_the_way(guided):
     assert not made.hypotheses_hold
     assert scene.certificate.reason.endswith(f"; on the way {made.first_failure}")
     assert scene.certificate.reason.startswith(scene.verdict().reason(IMPOSSIBLE.objects))
+
+
+def test_few_evaluations_of_the_field_suffice(field):
+    """Scenes hold all the same, by Shapely."""
+    few = TabletopGenerator(field, tabletop_guidance(), steps=60, drift=Extrapolated(5))
+    wanted = random_conditions(5, 4, "changed", SEED)
+    for scene in few.scenes(wanted, seed=SEED):
+        assert scene.certificate.satisfied
+        assert not refutes(scene.condition, scene.poses)
+    generation = few.generation(initial_noise(SEED, np.arange(1), 0)[0], wanted[0])
+    assert int(generation.work.field_evaluations) == 5
+    assert int(generation.work.evaluations) > 60

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from deggflow import Extrapolated
 from deggflow.tasks.tabletop.changes import random_conditions, random_table
 from deggflow.tasks.tabletop.codec import decode as decode_scene
 from deggflow.tasks.tabletop.condition import SceneCondition, take
@@ -194,6 +195,14 @@ def mixed(generator):
     """A scene, a large scene and a scene, made in one run."""
     first, second = random_conditions(5, 2, "changed", 0)
     return make_scenes(generator, [first, BIG, second], seed=1)
+
+
+def test_large_scenes_have_the_drift_of_the_generator(generator):
+    few = TabletopGenerator(generator.field, tabletop_guidance(), drift=Extrapolated(8))
+    assert large_scenes_like(few).drift == Extrapolated(8)
+    scene = large_scenes_like(few).scene(BIG, seed=1, number=1)
+    assert scene.certificate.satisfied
+    assert not refutes(BIG, scene.poses)
 
 
 def test_a_guided_hall_holds_and_says_so(generator, mixed):
