@@ -8,6 +8,7 @@ OBSTACLES = ("apart", "discs", "boxes", "planes", "room", "wall")
 OF_WAYPOINTS = ("speed", "length")
 FACTORS = ("mean", "total", "spread", "top", "ramp")
 BUFFERS = (0.0, 0.005, 0.02, 0.1)
+DRIFTS = ("every", "held", "extrapolated", "curved", "midpoint")
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,7 @@ class Problem:
     grid: str = "refined"
     solver: str = "euler"
     guard: str = "default"  # "none", "zero"
+    drift: str = "every"  # a name in `wired.DRIFTS`
     dtype: str = "float32"
     x64: bool = False
     nominal: bool = False
@@ -122,13 +124,14 @@ def random_shared(rng, most=3):
 
 
 def random_steps(rng, problem):
-    """The same problem with a grid, a scheme and a guard of its own."""
+    """The same problem with a grid, a scheme, a guard and a drift of its own."""
     grids = ("refined", "short", "uniform", "random64", "random32", "coarse")
     return replace(
         problem,
         grid=str(rng.choice(grids, p=[0.3, 0.2, 0.15, 0.125, 0.125, 0.1])),
         solver=str(rng.choice(["euler", "heun", "rk4"], p=[0.6, 0.25, 0.15])),
         guard=str(rng.choice(["default", "zero", "none"], p=[0.5, 0.2, 0.3])),
+        drift=str(rng.choice(DRIFTS, p=[0.4, 0.15, 0.15, 0.15, 0.15])),
     )
 
 

@@ -15,8 +15,12 @@ from deggflow import (
     AdaptiveShares,
     DecoupledGuidance,
     EqualShares,
+    EveryStep,
+    Extrapolated,
     FixedShares,
+    Held,
     Local,
+    Midpoint,
     NoGuidance,
     Own,
     Pooled,
@@ -36,6 +40,14 @@ from deggflow.guidance import LinearSchedule, PowerSchedule, Recovering
 from .spec import Private, grid_of
 
 SOLVERS = {"euler": EULER, "heun": HEUN, "rk4": RK4}
+# Of at most three macro steps: the coarse grid has no more steps.
+DRIFTS = {
+    "every": EveryStep(),
+    "held": Held(1),
+    "extrapolated": Extrapolated(3),
+    "curved": Extrapolated(3, order=3),
+    "midpoint": Midpoint(6),
+}
 GUARDS = {"default": StepGuard(), "zero": StepGuard(0), "none": None}
 
 
@@ -215,13 +227,14 @@ def precision(problem):
 
 
 def steps_of(problem):
-    """Grid, scheme and guard as arguments of `generate`."""
+    """Grid, scheme, guard and drift as arguments of `generate`."""
     grid = grid_of(problem)
     if problem.grid == "short":
         grid = refined_grid(40)
     elif problem.grid == "random32":
         grid = jnp.asarray(grid, jnp.float32)
-    return {"grid": grid, "solver": SOLVERS[problem.solver], "guard": GUARDS[problem.guard]}
+    solver, guard = SOLVERS[problem.solver], GUARDS[problem.guard]
+    return {"grid": grid, "solver": solver, "guard": guard, "drift": DRIFTS[problem.drift]}
 
 
 @cache
