@@ -6,7 +6,7 @@ lines that were finished are still there, no two runs stand in one file, nothing
 Faults of one chain hit the same files one after the other; in the end the command is left to finish, and what it
 wrote is compared, byte by byte, with what a run without faults wrote.
 
-Run: python benchmarks/faults.py [--faults 1000] [--only "tabletop generate"] [--workers 2], half an hour on 2 cores
+Run: python benchmarks/faults.py [--faults 1000] [--only "tabletop generate"] [--seed 0] [--workers 2], half an hour on 2 cores
 """
 
 import argparse
@@ -18,7 +18,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -81,11 +81,10 @@ def chain(
         print(tally.problems[-1], file=sys.stderr, flush=True)
 
 
-def plan(chosen: list[Job], faults: int) -> Iterator[tuple[Job, int, int]]:
-    """(job, seed, faults) of every chain, the jobs in turn."""
+def plan(chosen: list[Job], faults: int, seed: int) -> Iterator[tuple[Job, int, int]]:
+    """(job, seed, faults) of every chain, the jobs in turn, seeds from the given one on."""
     whole_share = sum(job.share for job in chosen)
     left = {job.name: max(1, round(faults * job.share / whole_share)) for job in chosen}
-    seed = 0
     while any(left.values()):
         for job in chosen:
             count = min(CHAIN, left[job.name])
@@ -96,7 +95,12 @@ def plan(chosen: list[Job], faults: int) -> Iterator[tuple[Job, int, int]]:
 
 
 def run(
-    home: Path, chosen: list[Job], faults: int, workers: int, say: Callable[[str], None]
+    home: Path,
+    chosen: list[Job],
+    faults: int,
+    workers: int,
+    say: Callable[[str], None],
+    seed: int = 0,
 ) -> Tally:
     """Everything; what became of it."""
     stage, tally = Stage(home), Tally()
@@ -105,10 +109,10 @@ def run(
     with ThreadPoolExecutor(workers) as pool:
         waiting = [
             pool.submit(chain, stage, job, seed, count, tally)
-            for job, seed, count in plan(chosen, faults)
+            for job, seed, count in plan(chosen, faults, seed)
         ]
         try:
-            for each in waiting:
+            for each in as_completed(waiting):
                 each.result()
                 done, took = sum(tally.faults.values()), time.monotonic() - begun
                 say(f"{done} faults, {len(tally.problems)} problems, {took:.0f} s")
@@ -122,13 +126,14 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Faults in the middle of commands that write.")
     parser.add_argument("--faults", type=int, default=1000)
     parser.add_argument("--only", help="commands whose name holds this text")
+    parser.add_argument("--seed", type=int, default=0, help="of the first chain of each command")
     parser.add_argument("--workers", type=int, default=2, help="processes at a time")
     given = parser.parse_args()
     chosen = [job for job in jobs() if not given.only or given.only in job.name]
     with tempfile.TemporaryDirectory() as home:
         tally = run(
             Path(home), chosen, given.faults, given.workers,
-            lambda text: print(text, file=sys.stderr, flush=True),
+            lambda text: print(text, file=sys.stderr, flush=True), given.seed,
         )  # fmt: skip
     for kind, count in tally.faults.items():
         print(f"{kind:16} {count:6,}")

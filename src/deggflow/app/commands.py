@@ -125,6 +125,8 @@ def _generate(entry: AbstractEntry) -> Callable[..., int]:
             options: What to generate, and how.
         """
         prepare_jax()
+        from deggflow.output import check_written
+
         from .runs import (
             check_output,
             condition_source,
@@ -156,6 +158,7 @@ def _generate(entry: AbstractEntry) -> Callable[..., int]:
         where = "" if options.out is None else f" They are in {options.out}."
         totals = f"{source.count - failed} of {source.count} {task.claim.of(source.count)}"
         console().print(f"{totals}.{where}")
+        check_written(options.out)
         return NOT_SATISFIED if failed and options.guided else SATISFIED
 
     return generate
@@ -187,6 +190,8 @@ def _evaluate(entry: AbstractEntry) -> Callable[..., int]:
             options: What to measure, and on how many cases.
         """
         prepare_jax()
+        from deggflow.output import check_written
+
         from .runs import digest_of_weights, run_jobs
         from .tables import show
 
@@ -198,6 +203,7 @@ def _evaluate(entry: AbstractEntry) -> Callable[..., int]:
         for table in evaluation.tables(rows):
             show(table)
         entry.load_pictures().draw_evaluation(evaluation, options)
+        check_written(options.out)
         return SATISFIED if evaluation.complete(rows) else NOT_SATISFIED
 
     return evaluate
