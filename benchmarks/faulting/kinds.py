@@ -75,7 +75,8 @@ def _one_line(code: int, said: str) -> str | None:
 def _before_our_first_line(said: str) -> bool:
     """Whether Python itself was interrupted, which prints a traceback that no program can help."""
     files = re.findall(r'  File "([^"]*)"', said)
-    return bool(files) and all(name.startswith("<frozen ") for name in files)
+    # A line of a .pth file, which `site` runs, is a "<string>".
+    return bool(files) and all(name.startswith(("<frozen ", "<string>")) for name in files)
 
 
 def stopped(fault: Fault, sign: signal.Signals) -> tuple[int, str | None]:
