@@ -9,7 +9,13 @@ import pytest
 
 import deggflow
 
-MODULES = ("guidance.margins", "guidance.private", "sampling", "certification")
+MODULES = (
+    "guidance.allocation",
+    "guidance.margins",
+    "guidance.private",
+    "sampling",
+    "certification",
+)
 
 
 def field(tau, z, condition):

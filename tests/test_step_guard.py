@@ -8,7 +8,6 @@ import pytest
 
 from deggflow import (
     DecoupledGuidance,
-    EqualShares,
     NoGuidance,
     Own,
     Pooled,
@@ -168,7 +167,7 @@ def test_a_guard_without_halvings_refuses_nothing_and_counts():
 
 @pytest.mark.parametrize(
     "requirement",
-    [apart, SharedRequirements((SharedFactor(wall),), EqualShares())],
+    [apart, SharedRequirements((SharedFactor(wall, allocation=Own()),))],
     ids=["private", "shared"],
 )
 def test_agents_that_stop_leave_their_share_to_the_others(requirement, key):

@@ -10,8 +10,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, nnls
 
+from deggflow.guidance.directions import effective_directions, phi
 from deggflow.guidance.private import MIN_REMAINING
-from deggflow.guidance.sharing import effective_directions, phi
 
 RHO, KAPPA, BUFFER = 0.75, 1.15, 0.02
 FLOOR = BUFFER**2 / 2

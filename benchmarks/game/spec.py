@@ -43,7 +43,7 @@ class Shared:
     """The factors of one shared requirement."""
 
     factors: tuple[Factor, ...]
-    sharing: str = "adaptive"
+    allocation: str = "pooled"
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ def random_shared(rng, most=3):
         )
         for kind in kinds
     )
-    return Shared(factors, str(rng.choice(["adaptive", "equal", "fixed"])))
+    return Shared(factors, str(rng.choice(["pooled", "own", "fixed"])))
 
 
 def random_steps(rng, problem):

@@ -12,12 +12,10 @@ from deggflow import (
     EULER,
     HEUN,
     RK4,
-    AdaptiveShares,
     DecoupledGuidance,
-    EqualShares,
     EveryStep,
     Extrapolated,
-    FixedShares,
+    Fixed,
     Held,
     Local,
     Midpoint,
@@ -178,7 +176,7 @@ def _private(spec, key):
     )
 
 
-def _factor(spec, key, part):
+def _factor(spec, key, part, allocation):
     def value(tau, z, condition):
         return FACTORS[spec.kind](tau, z, condition[key][part])
 
@@ -189,14 +187,20 @@ def _factor(spec, key, part):
     if spec.part:
         more["incidence"] = lambda condition: condition[key][part]["team"]
     bound = TighteningBound(**options)
-    return SharedFactor(value, bound, buffer=spec.buffer, name=f"{key}{part}", **more)
+    return SharedFactor(
+        value, bound, allocation=allocation, buffer=spec.buffer, name=f"{key}{part}", **more
+    )
 
 
 def _shared(spec, key, agents):
-    factors = tuple(_factor(each, key, f"f{j}") for j, each in enumerate(spec.factors))
-    uneven = jnp.asarray(1.0 + np.arange(len(factors) * agents).reshape(-1, agents) % 3)
-    sharing = {"adaptive": AdaptiveShares(), "equal": EqualShares(), "fixed": FixedShares(uneven)}
-    return SharedRequirements(factors, sharing[spec.sharing])
+    def allocation(j):
+        uneven = jnp.asarray(1.0 + (j * agents + np.arange(agents)) % 3)
+        return {"pooled": Pooled(), "own": Own(), "fixed": Fixed(uneven)}[spec.allocation]
+
+    factors = enumerate(spec.factors)
+    return SharedRequirements(
+        tuple(_factor(each, key, f"f{j}", allocation(j)) for j, each in factors)
+    )
 
 
 def _metric(problem):

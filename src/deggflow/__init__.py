@@ -9,10 +9,8 @@ if TYPE_CHECKING:
     from .drift import EveryStep, Extrapolated, Held, Midpoint
     from .generation import Generation, generate, generate_batch, refined_grid
     from .guidance import (
-        AdaptiveShares,
         DecoupledGuidance,
-        EqualShares,
-        FixedShares,
+        Fixed,
         Local,
         NoGuidance,
         Own,
@@ -39,10 +37,8 @@ _HOME = {
     "drift": ("EveryStep", "Extrapolated", "Held", "Midpoint"),
     "generation": ("Generation", "generate", "generate_batch", "refined_grid"),
     "guidance": (
-        "AdaptiveShares",
         "DecoupledGuidance",
-        "EqualShares",
-        "FixedShares",
+        "Fixed",
         "Local",
         "NoGuidance",
         "Own",
@@ -66,13 +62,11 @@ __all__ = [
     "EULER",
     "HEUN",
     "RK4",
-    "AdaptiveShares",
     "Certificate",
     "DecoupledGuidance",
-    "EqualShares",
     "EveryStep",
     "Extrapolated",
-    "FixedShares",
+    "Fixed",
     "Generation",
     "Held",
     "Local",

@@ -1,6 +1,7 @@
 """Two shared factors of five agents, fields that fight them, and the same factors once more by hand in numpy."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import equinox as eqx
@@ -9,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from deggflow import DecoupledGuidance
-from deggflow.guidance import AbstractBound, AdaptiveShares, SharedFactor, SharedRequirements
+from deggflow.guidance import AbstractBound, SharedFactor, SharedRequirements
 
 AGENTS, DIM, INPUTS = 5, 4, 5
 NEAR, BELOW = [0, 1, 2], [1, 2, 3]  # agents of the two factors; agent 4 is in none
@@ -86,8 +87,12 @@ def control(tau, z, condition):
     return base * (1 + 0.3 * jnp.tanh(z[:, :1, None])) + 0.1 * tau
 
 
-def guidance(sharing=None, mapped=False):
-    requirements = SharedRequirements(FACTORS, AdaptiveShares() if sharing is None else sharing)
+def guidance(allocations=None, mapped=False):
+    factors = FACTORS
+    if allocations is not None:
+        pairs = zip(FACTORS, allocations, strict=True)
+        factors = tuple(replace(factor, allocation=each) for factor, each in pairs)
+    requirements = SharedRequirements(factors)
     return DecoupledGuidance((requirements,), control if mapped else None)
 
 

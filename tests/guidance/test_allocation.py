@@ -4,7 +4,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from deggflow.guidance import Local, Own, Pairs, Pooled
+from deggflow.guidance import Fixed, Local, Own, Pairs, Pooled
 
 AGENTS = 5
 TINY = float(np.finfo(np.float32).tiny)
@@ -23,6 +23,7 @@ def everyones_shares(demand, influence, linked):
     matrix, pairs = dependences(linked)
     yield Own()(demand, influence, lambda: matrix)
     yield Pooled()(demand, influence, lambda: matrix)
+    yield Fixed(influence)(demand, jnp.zeros(AGENTS), lambda: matrix)
     yield Local()(demand, influence, lambda: matrix)
     yield Local()(demand, influence, lambda: pairs)
 
@@ -63,3 +64,17 @@ def test_demand_nobody_can_meet_is_not_dropped():
     demand, nobody = jnp.arange(1.0, 6.0), jnp.zeros(AGENTS)
     for share in everyones_shares(demand, nobody, [False] * AGENTS**2):
         assert jnp.array_equal(share, demand)
+
+
+def test_a_demand_that_all_may_divide_is_pooled():
+    """A factor's: whoever owns it, local shares are those of the whole team."""
+    demand, influence = jnp.arange(1.0, 6.0), jnp.array([1.0, 0, 2, 5, 0.5])
+    together = jnp.ones((AGENTS, AGENTS), bool)
+    local, pooled = (each(demand, influence, lambda: together) for each in (Local(), Pooled()))
+    np.testing.assert_allclose(local, pooled, rtol=1e-6)
+
+
+def test_fixed_shares_need_one_weight_per_agent():
+    share = Fixed(jnp.ones(AGENTS - 1))
+    with pytest.raises(ValueError, match=r"`weight` must have shape \(5,\), one number per agent"):
+        share(jnp.ones(AGENTS), jnp.ones(AGENTS), lambda: jnp.ones((AGENTS, AGENTS), bool))

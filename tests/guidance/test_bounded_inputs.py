@@ -1,4 +1,4 @@
-"""How long inputs can become at most: with g = I, H = I, adaptive shares and pooled allocation, every agent has
+"""How long inputs can become at most: with g = I, H = I, pooled allocation of shared and private requirements, every agent has
 
 |u_i| <= |f_i| + sum_a max(owed_a, 0) |d_{a,i}| / sum_j |d_{a,j}|^2,
 
@@ -18,7 +18,7 @@ import pytest
 from scipy.optimize import nnls
 
 from deggflow import DecoupledGuidance, PrivateRequirement, SharedFactor, SharedRequirements
-from deggflow.guidance import AbstractBound, AbstractMargins, AdaptiveShares, EqualShares
+from deggflow.guidance import AbstractBound, AbstractMargins, Own, Pooled
 
 AGENTS, DIM, DELTA, TIME = 4, 3, 0.02, 0.5
 RHO, KAPPA = 0.75, 1.15
@@ -69,17 +69,17 @@ class Linear(AbstractMargins):
         return jnp.ones((AGENTS, AGENTS), bool)
 
 
-def guidance(factors, sharing):
+def guidance(factors, allocation):
     shared = SharedRequirements(
         tuple(
             SharedFactor(
                 lambda tau, z, c, k=k: jnp.sum(c.shared[k] * z) + c.rise[k] * tau,
                 Level(),
+                allocation=allocation,
                 name=f"shared {k}",
             )
             for k in range(factors)
-        ),
-        sharing,
+        )
     )
 
     private = PrivateRequirement(Linear(), 0.0, rho=RHO, kappa=KAPPA)
@@ -136,11 +136,11 @@ def reach_by_hand(case):
     return ell, reach
 
 
-def inputs(factors, case, sharing):
+def inputs(factors, case, allocation):
     @jax.jit
     @jax.vmap
     def at(case):
-        guide, z = guidance(factors, sharing), jnp.zeros((AGENTS, DIM))
+        guide, z = guidance(factors, allocation), jnp.zeros((AGENTS, DIM))
         state = guide.init(z, case)
         return guide(state, jnp.asarray(TIME), z, case.drift, case)[1:]
 
@@ -163,7 +163,7 @@ def instance(factors, count=80):
 @pytest.mark.parametrize("factors", [1, 2, 3])
 def test_inputs_are_no_longer_than_the_theorem_says(factors):
     case, longest, free = instance(factors)
-    size, report = inputs(factors, case, AdaptiveShares())
+    size, report = inputs(factors, case, Pooled())
     # Where all directions vanish, u = -f_i is the only input that meets the rows: rounding says if it is found.
     assert not report.qp_infeasible[free].any()
     assert free.mean() > 0.7
@@ -175,7 +175,7 @@ def test_inputs_are_no_longer_than_the_theorem_says(factors):
 @pytest.mark.parametrize("factors", [1, 2])
 def test_opposed_rows_under_equal_shares_have_no_such_bound(factors):
     case, longest, _ = instance(factors)
-    size, _ = inputs(factors, case, EqualShares())
+    size, _ = inputs(factors, case, Own())
     opposed = (size / longest)[: len(size) // 2].max(-1)
     assert np.mean(opposed > 2) > 0.4
     assert opposed.max() > 1e3

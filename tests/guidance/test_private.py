@@ -85,8 +85,10 @@ def test_per_owner_demands_add_up_to_that_of_v(name, key):
     wanted = KAPPA / (1 - RHO) * omega * total / remaining
     assert total > 0
     assert decay <= -wanted * (1 - 1e-3)
-    owed = one.demand(one.init(z, condition), tau, z, drift, None, condition).required_decrease[0]
-    assert float(jnp.sum(owed)) == pytest.approx(float(wanted), rel=1e-5)
+    demand = one.demand(one.init(z, condition), tau, z, drift, None, condition)
+    assert float(jnp.sum(demand.shares(jnp.ones((1, AGENTS))))) == pytest.approx(
+        float(wanted), rel=1e-5
+    )
 
 
 def test_per_owner_demands_need_reanchoring():

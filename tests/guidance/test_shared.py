@@ -22,9 +22,9 @@ from shared_cases import (
 
 from deggflow import DecoupledGuidance
 from deggflow.guidance import (
-    AdaptiveShares,
-    EqualShares,
-    FixedShares,
+    Fixed,
+    Own,
+    Pooled,
     Recovering,
     SharedFactor,
     SharedRequirements,
@@ -47,17 +47,17 @@ class Moment(NamedTuple):
     changed: np.ndarray  # correction where another agent has another drift
 
 
-# Sharing, and whether the control maps are heterogeneous, else the identity.
-SHARINGS = {
-    "adaptive": (AdaptiveShares, True),
-    "equal": (EqualShares, False),
-    "fixed": (lambda: FixedShares(jnp.asarray(SHARES)), False),
+# Allocations of the two factors, and whether the control maps are heterogeneous, else the identity.
+ALLOCATIONS = {
+    "pooled": (lambda: [Pooled()] * 2, True),
+    "own": (lambda: [Own()] * 2, False),
+    "fixed": (lambda: [Fixed(jnp.asarray(weight)) for weight in SHARES], False),
 }
 
 
 @cache
 def moments(name, count=60):
-    sharing, mapped = SHARINGS[name]
+    allocations, mapped = ALLOCATIONS[name]
     start, case = cases(count, 5)
     rng = np.random.default_rng(6)
     z = start + rng.normal(size=start.shape)
@@ -68,7 +68,7 @@ def moments(name, count=60):
     @jax.jit
     @jax.vmap
     def at(z0, z, tau, drift, condition):
-        guide = guidance(sharing(), mapped)
+        guide = guidance(allocations(), mapped)
         state = guide.init(z0, condition)
         rows = guide.rows(state, tau, z, drift, condition)
         return rows.ell, rows.b, *guide(state, tau, z, drift, condition)[1:]
@@ -110,7 +110,7 @@ def moments(name, count=60):
     )
 
 
-@pytest.mark.parametrize("name", SHARINGS)
+@pytest.mark.parametrize("name", ALLOCATIONS)
 def test_rows_together_imply_the_decay_of_the_factor(name):
     """dq/dtau <= dbeta/dtau - alpha(q - beta) along drift and correction (paper, eqn:app_SE_global_decay)."""
     one = moments(name)
@@ -126,14 +126,14 @@ def test_rows_together_imply_the_decay_of_the_factor(name):
     assert np.mean(one.free[good] > limit[good]) > 0.2  # the drift alone does not
 
 
-@pytest.mark.parametrize("name", SHARINGS)
+@pytest.mark.parametrize("name", ALLOCATIONS)
 def test_offsets_of_a_factor_add_up(name):
     """sum_i b_i = grad q . f + dq/dtau - dbeta/dtau + alpha(q - beta), partial tau of q included."""
     one = moments(name)
     np.testing.assert_allclose(one.b.sum(-1), one.free - one.dbeta + GAINS * one.room, atol=1e-5)
 
 
-@pytest.mark.parametrize("name", ["adaptive", "equal"])
+@pytest.mark.parametrize("name", ["pooled", "own"])
 def test_rows_of_agents_outside_a_factor_are_zero(name):
     one = moments(name)
     outside = np.ones((2, AGENTS), bool)
@@ -164,7 +164,7 @@ def test_incidence_alone_decides_who_acts():
     assert np.all(u[0] < 0)
 
 
-@pytest.mark.parametrize("name", SHARINGS)
+@pytest.mark.parametrize("name", ALLOCATIONS)
 def test_an_agents_input_knows_no_other_agents_drift(name):
     """Decoupled: with another drift of agent 1, the others' inputs are the same to the bit."""
     one = moments(name)

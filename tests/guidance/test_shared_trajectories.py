@@ -20,9 +20,9 @@ from shared_cases import (
 
 from deggflow import DecoupledGuidance, NoGuidance, generate, refined_grid
 from deggflow.guidance import (
-    AdaptiveShares,
-    EqualShares,
-    FixedShares,
+    Fixed,
+    Own,
+    Pooled,
     Recovering,
     SharedFactor,
     SharedRequirements,
@@ -149,14 +149,14 @@ def upward(tau, z, condition):
 
 
 def test_shares_that_ask_an_agent_for_what_it_cannot_give_are_reported():
-    """Equal and fixed shares are infeasible where adaptive ones leave every agent an input."""
-    sharings = (AdaptiveShares(), EqualShares(), FixedShares(jnp.array([[0.3, 0.7]])))
+    """Own and fixed shares are infeasible where pooled ones leave every agent an input."""
+    allocations = (Pooled(), Own(), Fixed(jnp.array([0.3, 0.7])))
 
     @jax.jit
     def traces(z0):
         guides = [
-            DecoupledGuidance((SharedRequirements((SharedFactor(one_sided),), s),))
-            for s in sharings
+            DecoupledGuidance((SharedRequirements((SharedFactor(one_sided, allocation=each),)),))
+            for each in allocations
         ]
         return [generate(upward, guide, z0, None, guard=None).trace for guide in guides]
 
@@ -164,17 +164,17 @@ def test_shares_that_ask_an_agent_for_what_it_cannot_give_are_reported():
         """Without the last point, which no input follows."""
         return trace.row_feasible[:-1], trace.qp_infeasible[:-1]
 
-    adaptive, *rigid = traces(jnp.ones((2, 2)))
+    pooled, *rigid = traces(jnp.ones((2, 2)))
     for trace in rigid:
         feasible, infeasible = acted(trace)
         assert not feasible[:, 0, 1].all()
         np.testing.assert_array_equal(infeasible[:, 1], ~feasible[:, 0, 1])
         assert not infeasible[:, 0].any()
         assert trace.value[-1, 0] > trace.bound[-1, 0]  # and the bound is in fact missed
-    feasible, infeasible = acted(adaptive)
+    feasible, infeasible = acted(pooled)
     assert feasible.all()
     assert not infeasible.any()
-    assert jnp.max(adaptive.value - adaptive.bound) <= 0.01
+    assert jnp.max(pooled.value - pooled.bound) <= 0.01
 
 
 def test_rows_exactly_opposed_at_one_agent_are_reported():

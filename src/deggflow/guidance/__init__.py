@@ -1,7 +1,7 @@
 """Decoupled guidance: every agent computes its own input, from states alone."""
 
 from .agent import AgentInput, CommunicationCost, agent_input, communication_cost
-from .allocation import AbstractAllocation, Local, Own, Pooled
+from .allocation import AbstractAllocation, Fixed, Local, Own, Pooled
 from .bound import AbstractBound, TighteningBound
 from .decoupled import AbstractGuidance, DecoupledGuidance, NoGuidance
 from .margins import (
@@ -18,7 +18,6 @@ from .report import GuidanceReport, report_without_rows
 from .requirement import AbstractRequirement, Demand, Rows
 from .schedule import AbstractSchedule, LinearSchedule, PowerSchedule
 from .shared import Recovering, SharedFactor, SharedRequirements
-from .sharing import AbstractSharing, AdaptiveShares, EqualShares, FixedShares
 
 __all__ = [
     "AbstractAllocation",
@@ -27,14 +26,11 @@ __all__ = [
     "AbstractMargins",
     "AbstractRequirement",
     "AbstractSchedule",
-    "AbstractSharing",
-    "AdaptiveShares",
     "AgentInput",
     "CommunicationCost",
     "DecoupledGuidance",
     "Demand",
-    "EqualShares",
-    "FixedShares",
+    "Fixed",
     "GuidanceReport",
     "LinearSchedule",
     "Local",

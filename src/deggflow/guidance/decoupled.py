@@ -12,10 +12,10 @@ from jaxtyping import Array, Bool, Float, Int
 from deggflow.shapes import Mask, RowFlags, RowValues, Scalar, States
 
 from .active_set import resolution
+from .directions import DELTA, effective_directions
 from .qp import MinNormInput, check_limits, check_metric, min_norm_input
 from .report import GuidanceReport, not_finite, report_without_rows
 from .requirement import AbstractRequirement, Control, ControlMap, Demand, Rows
-from .sharing import DELTA, effective_directions
 
 TIGHT = 1e-4  # of |ell| |u| + |b|: rows met as closely are active
 
@@ -152,10 +152,8 @@ class DecoupledGuidance(AbstractGuidance):
         square = jnp.where(square > least, square, 0.0)
         zeta = jnp.concatenate(
             [
-                requirement.shares(demand, square[part], z, condition, moving)
-                for requirement, demand, part in zip(
-                    self.requirements, demands, self._parts(), strict=True
-                )
+                demand.shares(square[part])
+                for demand, part in zip(demands, self._parts(), strict=True)
             ]
         )
         b = rate + zeta

@@ -59,7 +59,7 @@ class PrivateRequirement(AbstractRequirement):
     Attributes:
         margins: h(z, condition) of shape (agents, margins), or an object that sums them faster.
         buffer: What guidance aims at above h = 0, in the unit of the margins.
-        allocation: `Pooled()`, `Local()` or `Own()`.
+        allocation: How agents divide the demand: `Pooled()`, `Local()`, `Own()` or `Fixed(weight)`.
         reanchored: Take c afresh from the present violation instead of V(0).
         per_owner_gain: Each owner's c from its own violation.
         rho: In (0, 1).
@@ -191,23 +191,10 @@ class PrivateRequirement(AbstractRequirement):
             limit=limit[None],
             contribution=parts[None],
             value_nan=jnp.isnan(parts)[None],
-            required_decrease=(required, state.mask),
+            shares=lambda norm_sq: self.allocation(
+                required, norm_sq[0], lambda: margins.dependence(z, condition, self.buffer)
+            )[None],
         )
-
-    def shares(
-        self,
-        demand: Demand,
-        effective_norm_sq: Float[Array, "rows agents"],
-        z: States,
-        condition: Any,
-        moving: Mask = None,
-    ) -> Float[Array, "rows agents"]:
-        required, mask = demand.required_decrease
-        return self.allocation(
-            required,
-            effective_norm_sq[0],
-            lambda: self._judged(mask).dependence(z, condition, self.buffer),
-        )[None]
 
     def on_forced_step(
         self, state: PrivateState, tau: Scalar, value: RowValues, above: RowFlags

@@ -1,7 +1,7 @@
 """What a requirement is: half-spaces `ell @ u + b <= 0` for every agent it touches, and a verdict at the end.
 
-A requirement says what it asks of the team, is told how much each agent can do about it beside the agent's other
-rows, and shares it out. The same object judges the finished sample.
+A requirement says what it asks of each agent, and how the team may divide that. The same object judges the finished
+sample.
 """
 
 import abc
@@ -62,7 +62,8 @@ class Demand(NamedTuple):
         limit: The most that a discrete step may reach here and still lead to the required end.
         contribution: How much each agent contributes to the value, in any unit.
         value_nan: Whether the agent's part of the requirement is not a number.
-        required_decrease: What the agents share; in whatever form the requirement's own `shares` takes.
+        shares: zeta, what each agent is asked for, from |d|^2 of the rows' effective directions: what an agent can do
+            about a row without making any other of its rows worse.
     """
 
     ell: Float[Array, "rows agents inputs"]
@@ -73,7 +74,7 @@ class Demand(NamedTuple):
     limit: Float[Array, " rows"]
     contribution: Float[Array, "rows agents"]
     value_nan: Bool[Array, "rows agents"]
-    required_decrease: Any
+    shares: Callable[[Float[Array, "rows agents"]], Float[Array, "rows agents"]]
 
 
 class AbstractRequirement(eqx.Module):
@@ -124,26 +125,6 @@ class AbstractRequirement(eqx.Module):
         """What is asked at (tau, z), where the nominal field is `drift` and g is `control`.
 
         Agents that do not move (`moving` is False, and their drift is zero) can do nothing: their `ell` is zero.
-        """
-
-    @abc.abstractmethod
-    def shares(
-        self,
-        demand: Demand,
-        effective_norm_sq: Float[Array, "rows agents"],
-        z: States,
-        condition: Any,
-        moving: Mask = None,
-    ) -> Float[Array, "rows agents"]:
-        """zeta: what each agent is asked for.
-
-        Args:
-            demand: Of this requirement.
-            effective_norm_sq: |d|^2 of the rows' effective directions: what an agent can do about a row without
-                making any other of its rows worse.
-            z: State of all agents.
-            condition: What the requirement is conditioned on.
-            moving: Who still moves.
         """
 
     @abc.abstractmethod

@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float
 
 from deggflow.shapes import Mask, RowFlags, RowValues, Scalar, States
 
+from .allocation import AbstractAllocation, Pooled
 from .bound import AbstractBound, TighteningBound
 from .requirement import (
     AbstractRequirement,
@@ -20,7 +21,6 @@ from .requirement import (
     check_unrounded,
     input_gradient,
 )
-from .sharing import AbstractSharing, AdaptiveShares
 
 FactorValue = Callable[[Scalar, States, Any], Scalar]
 """q_a(tau, z, condition), at most 0 where the requirement is met; it may depend on tau explicitly."""
@@ -64,6 +64,7 @@ class SharedFactor(eqx.Module):
         bound: beta_a.
         alpha: Extended class-K function; how fast q_a may approach its bound.
         incidence: From the condition, which agents belong to the factor; None for all of them.
+        allocation: How the factor's agents divide the demand: `Pooled()`, `Own()` (equal parts) or `Fixed(weight)`.
         buffer: What guidance aims at below the bound, in the unit of q_a.
         name: What reports call it.
 
@@ -74,6 +75,7 @@ class SharedFactor(eqx.Module):
     bound: AbstractBound = TighteningBound()
     alpha: Callable[[Scalar], Scalar] = linear
     incidence: Callable[[Any], Mask] = all_agents
+    allocation: AbstractAllocation = Pooled()
     buffer: float = eqx.field(static=True, default=0.0)
     name: str = eqx.field(static=True, default="shared")
 
@@ -121,16 +123,15 @@ class SharedRequirements(AbstractRequirement):
     """The factors that the agents of a team have in common; each gives each of its agents one row.
 
     With V_a = q_a + buffer_a - beta_a, an agent's row is
-    grad_i q_a . (f_i + g_i u_i) + w_{a,i} (dq_a/dtau - dbeta_a/dtau + alpha(V_a)) <= 0.
-    Where all agents meet their rows, q_a + buffer_a <= beta_a for all tau (paper, thm:SE_finite_horizon).
+    grad_i q_a . (f_i + g_i u_i) + w_{a,i} (dq_a/dtau - dbeta_a/dtau + alpha(V_a)) <= 0,
+    with the weights w_{a,i} of the factor's `allocation`. Where all agents meet their rows, q_a + buffer_a <= beta_a for
+    all tau (paper, thm:SE_finite_horizon).
 
     Attributes:
         factors: Any number.
-        sharing: The weights w_{a,i}.
     """
 
     factors: tuple[SharedFactor, ...]
-    sharing: AbstractSharing = AdaptiveShares()
 
     def __check_init__(self) -> None:
         if not isinstance(self.factors, tuple) or not all(
@@ -192,6 +193,9 @@ class SharedRequirements(AbstractRequirement):
         q = q.astype(z.dtype)
         bound, limit, required = self._required(state, tau, q, dq_dtau, condition)
         ell = jax.vmap(lambda each: input_gradient(control, each, moving))(gradient)
+        acting = incident if moving is None else incident & moving[None]
+        # Where all of a factor's agents have stopped, what it asks stays with them: rows that say so.
+        acting = jnp.where(jnp.any(acting, axis=1, keepdims=True), acting, incident)
         return Demand(
             ell=ell,
             rate=jnp.sum(gradient * drift[None], axis=-1),
@@ -201,29 +205,30 @@ class SharedRequirements(AbstractRequirement):
             limit=limit,
             contribution=jnp.sqrt(jnp.sum(ell**2, axis=-1)),
             value_nan=jnp.isnan(q)[:, None] & incident,
-            required_decrease=required,
+            shares=lambda norm_sq: (
+                self._weights(norm_sq, acting) * required[:, None]
+            ),  # eqn:SE_finite_horizon_zeta
         )
-
-    def shares(
-        self,
-        demand: Demand,
-        effective_norm_sq: Float[Array, "rows agents"],
-        z: States,
-        condition: Any,
-        moving: Mask = None,
-    ) -> Float[Array, "rows agents"]:
-        incident = self._incident(z.shape[0], condition)
-        acting = incident if moving is None else incident & moving[None]
-        # Where all of a factor's agents have stopped, what it asks stays with them: rows that say so.
-        acting = jnp.where(jnp.any(acting, axis=1, keepdims=True), acting, incident)
-        return (
-            self.sharing(effective_norm_sq, acting) * demand.required_decrease[:, None]
-        )  # eqn:SE_finite_horizon_zeta
 
     def on_forced_step(
         self, state: SharedState, tau: Scalar, value: RowValues, above: RowFlags
     ) -> SharedState:
         return state  # the bounds stay; alpha leads back below them
+
+    def _weights(
+        self, norm_sq: Float[Array, "factors agents"], acting: Bool[Array, "factors agents"]
+    ) -> Float[Array, "factors agents"]:
+        """w_{a,i}: how a factor's acting agents divide a decrease of one, of which each owns an equal part."""
+        count = jnp.maximum(jnp.sum(acting, axis=1, keepdims=True), 1)
+        own = (acting / count).astype(norm_sq.dtype)
+        return jnp.stack(
+            [
+                factor.allocation(
+                    own[a], norm_sq[a], lambda a=a: acting[a][:, None] & acting[a][None]
+                )
+                for a, factor in enumerate(self.factors)
+            ]
+        )
 
     def _incident(self, agents: int, condition: Any) -> Bool[Array, "factors agents"]:
         incidences = [factor.incidence(condition) for factor in self.factors]

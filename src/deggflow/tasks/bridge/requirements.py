@@ -9,8 +9,6 @@ from jaxtyping import Array, Float
 
 from deggflow.guidance import (
     AbstractRequirement,
-    AbstractSharing,
-    AdaptiveShares,
     DecoupledGuidance,
     PrivateRequirement,
     Recovering,
@@ -61,9 +59,7 @@ def task_end(condition: BridgeCondition) -> Scalar:
     return task_factor(condition.plank) - PROGRESS
 
 
-def bridge_requirements(
-    scales: Scales, sharing: AbstractSharing | None = None
-) -> SharedRequirements:
+def bridge_requirements(scales: Scales) -> SharedRequirements:
     """q_task and q_safe under their bounds (paper, App. on Task 1)."""
     alpha = Recovering(RECOVERY)
     task = SharedFactor(
@@ -73,7 +69,7 @@ def bridge_requirements(
         name="q_task",
     )
     safe = SharedFactor(SafeValue(scales), TighteningBound(), alpha=alpha, name="q_safe")
-    return SharedRequirements((task, safe), AdaptiveShares() if sharing is None else sharing)
+    return SharedRequirements((task, safe))
 
 
 SPEED_BUFFER = 0.02  # m/s, delta of the hinge
@@ -97,17 +93,14 @@ class SpeedMargins(eqx.Module):
         return jnp.where(condition.mask[:, None], margin, jnp.inf)
 
 
-def bridge_guidance(
-    scales: Scales, sharing: AbstractSharing | None = None, *, speed_limit: float | None = None
-) -> DecoupledGuidance:
+def bridge_guidance(scales: Scales, *, speed_limit: float | None = None) -> DecoupledGuidance:
     """Guidance for the bridge, g_i = I and H_i = I.
 
     Args:
         scales: Of the field's training set, as the decoder needs them.
-        sharing: Weights of the robots; adaptive ones (the paper's) if None.
         speed_limit: Of each robot's contact point (m/s), private to the robot; None for no limit.
     """
-    requirements: list[AbstractRequirement] = [bridge_requirements(scales, sharing)]
+    requirements: list[AbstractRequirement] = [bridge_requirements(scales)]
     if speed_limit is not None:
         margins = SpeedMargins(scales, speed_limit)
         requirements.append(PrivateRequirement(margins, SPEED_BUFFER, name="speed"))

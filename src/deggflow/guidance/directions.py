@@ -1,33 +1,15 @@
-"""How the robots of a shared factor divide what it asks for: the weights w_{a,i} of each factor.
+"""Effective directions d_{a,i}: what an agent can do about a row without making its other rows worse.
 
-Weights are nonnegative and add up to one over a factor's agents, which is all that the finite-horizon
-theorem for shared requirements needs. They decide whether every agent can meet its rows.
+An allocation in proportion to |d_{a,i}|^2 asks nothing of an agent that can do nothing.
 """
 
-import abc
-
-import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from .active_set import crossing, dot, largest, project_origin, resolution, square
 
 DELTA = 0.02  # half width of the blend in phi_delta (paper, Task 1)
-
-Amounts = Float[Array, "factors agents"]
-"""One number per factor and agent."""
-
-Incidence = Bool[Array, "factors agents"]
-"""Which agents belong to each factor."""
-
-
-class AbstractSharing(eqx.Module):
-    """Weights of every factor's agents, from what each can do about it."""
-
-    @abc.abstractmethod
-    def __call__(self, effective_norm_sq: Amounts, incident: Incidence) -> Amounts:
-        """Args: effective_norm_sq: |d_{a,i}|^2 of the effective directions; incident: which agents belong to each factor."""
 
 
 def phi(eta: Float[Array, "..."], delta: float = DELTA) -> Float[Array, "..."]:
@@ -90,36 +72,3 @@ def _unopposed(
 ) -> Float[Array, " inputs"]:
     """The way to the nearest point from which no other row points away: `others @ (direction + way) >= 0`."""
     return project_origin(-others, -(others @ direction), crossing(direction.dtype))[0]
-
-
-def _normalised(amount: Amounts, incident: Incidence) -> Amounts:
-    """Amounts as shares of their factor's sum; equal shares where the sum is zero."""
-    total = jnp.sum(amount, axis=-1, keepdims=True)
-    equal = incident / jnp.maximum(jnp.sum(incident, axis=-1, keepdims=True), 1)
-    return jnp.where(total > 0, amount / jnp.where(total > 0, total, 1.0), equal)
-
-
-class AdaptiveShares(AbstractSharing):
-    """In proportion to |d_{a,i}|^2: agents whose rows oppose each other are asked for less.
-
-    Source: paper, eqn:C2_weights.
-    """
-
-    def __call__(self, effective_norm_sq: Amounts, incident: Incidence) -> Amounts:
-        return _normalised(jnp.where(incident, effective_norm_sq, 0.0), incident)
-
-
-class EqualShares(AbstractSharing):
-    """Every incident agent takes the same part, whatever it can do about the factor; for comparison."""
-
-    def __call__(self, effective_norm_sq: Amounts, incident: Incidence) -> Amounts:
-        return _normalised(jnp.zeros(incident.shape), incident)
-
-
-class FixedShares(AbstractSharing):
-    """Weights given once and for all, per factor and agent; for comparison."""
-
-    weight: Amounts
-
-    def __call__(self, effective_norm_sq: Amounts, incident: Incidence) -> Amounts:
-        return _normalised(jnp.where(incident, self.weight, 0.0), incident)

@@ -13,13 +13,14 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from deggflow.guidance import (
-    AdaptiveShares,
     DecoupledGuidance,
-    EqualShares,
-    FixedShares,
+    Fixed,
+    Local,
+    Own,
+    Pooled,
     min_norm_input,
 )
-from deggflow.guidance.sharing import effective_directions, phi
+from deggflow.guidance.directions import effective_directions, phi
 
 AGENTS, DIM, DELTA = 4, 3, 0.02
 PARALLEL = 1e-10  # squared sine below which opposed rows are left out: rounding decides there
@@ -158,31 +159,39 @@ class Shares(NamedTuple):
     direction: np.ndarray
 
 
-def shares(sharing):
-    """Weights from the rows, as the guidance makes them."""
+def shares(allocations):
+    """Weights from the rows, as the guidance makes them: how each factor's agents divide a demand of one."""
 
-    def found(ell, who):
+    def weights(ell, who):
         direction = effective_directions(ell)
-        return Shares(sharing()(jnp.sum(direction**2, axis=-1), who), direction)
+        square = jnp.sum(direction**2, axis=-1)
+        weight = [
+            allocation(
+                who[a] / jnp.sum(who[a]), square[a], lambda a=a: who[a][:, None] & who[a][None]
+            )
+            for a, allocation in enumerate(allocations())
+        ]
+        return Shares(jnp.stack(weight), direction)
 
-    return jax.jit(found)
+    return jax.jit(weights)
 
 
 FIXED = np.array([[0.5, 1.0, 2.0, 0.0], [3.0, 0.0, 0.25, 1.0]], np.float32)
-SHARINGS = {
-    "adaptive": shares(AdaptiveShares),
-    "equal": shares(EqualShares),
-    "fixed": shares(lambda: FixedShares(jnp.asarray(FIXED))),
+ALLOCATIONS = {
+    "pooled": shares(lambda: [Pooled()] * 2),
+    "local": shares(lambda: [Local()] * 2),
+    "own": shares(lambda: [Own()] * 2),
+    "fixed": shares(lambda: [Fixed(jnp.asarray(weight)) for weight in FIXED]),
 }
-adaptive = SHARINGS["adaptive"]
+pooled = ALLOCATIONS["pooled"]
 
 
-@pytest.mark.parametrize("name", SHARINGS)
+@pytest.mark.parametrize("name", ALLOCATIONS)
 @settings(max_examples=40, deadline=None)
 @given(ell=rows, who=incidences)
 def test_weights_are_nonnegative_add_up_to_one_and_stay_with_the_factors_agents(name, ell, who):
     """All that the finite-horizon theorem asks of them."""
-    weight = double(SHARINGS[name], np.where(who[..., None], ell, 0.0), who).weight
+    weight = double(ALLOCATIONS[name], np.where(who[..., None], ell, 0.0), who).weight
     assert np.all(weight >= 0)
     assert np.all(weight[~who] == 0)
     np.testing.assert_allclose(weight.sum(axis=1), 1.0, atol=1e-6)
@@ -190,9 +199,9 @@ def test_weights_are_nonnegative_add_up_to_one_and_stay_with_the_factors_agents(
 
 @settings(max_examples=100, deadline=None)
 @given(ell=rows)
-def test_adaptive_weights_are_in_proportion_to_the_square_of_the_direction(ell):
+def test_pooled_weights_are_in_proportion_to_the_square_of_the_direction(ell):
     """eqn:C2_weights: w_i |d_j|^2 = w_j |d_i|^2."""
-    found = double(adaptive, ell, np.ones((2, AGENTS), bool))
+    found = double(pooled, ell, np.ones((2, AGENTS), bool))
     square = np.sum(found.direction**2, axis=-1)
     for w, s in zip(found.weight, square, strict=True):
         if s.sum() > 0:
@@ -206,13 +215,13 @@ def test_adaptive_weights_are_in_proportion_to_the_square_of_the_direction(ell):
     owed=arrays(np.float64, 2, elements=st.floats(-20, 20, width=32)),
     push=arrays(np.float64, (2, AGENTS), elements=st.floats(-5, 5, width=32)),
 )
-def test_adaptive_shares_leave_every_agent_an_input(ell, who, owed, push):
+def test_pooled_shares_leave_every_agent_an_input(ell, who, owed, push):
     """prop:c2_feasibility: where its conditions hold, no agent's QP is infeasible.
 
     b_{a,i} = push_{a,i} + w_{a,i} owed_a, where push stands for grad q . f.
     """
     ell = np.where(who[..., None], ell, 0.0)
-    share = double(adaptive, ell, who)
+    share = double(pooled, ell, who)
     # An agent that has no gradient is not pushed either.
     b = np.where(np.any(ell != 0, axis=-1), push, 0.0) + share.weight * owed[:, None]
     d, size = share.direction, np.linalg.norm(ell, axis=-1)
