@@ -6,13 +6,10 @@ import re
 import subprocess
 import sys
 from functools import cache
-from pathlib import Path
 
+import argument_cases
 import pytest
-
-HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE))
-from argument_cases import CASES  # noqa: E402
+from argument_cases import CASES
 
 EXPECTED = {
     "boolean margins": "TypeError: `margins` of 'apart' must be signed floating-point .* got bool",
@@ -78,8 +75,7 @@ EXPECTED = {
 def outcomes():
     """What plain Python says of every case, in one process."""
     done = subprocess.run(
-        [sys.executable, "-W", "error", "argument_cases.py"],
-        cwd=HERE,
+        [sys.executable, "-W", "error", argument_cases.__file__],
         env={**os.environ, "JAX_PLATFORMS": "cpu"},
         capture_output=True,
         text=True,
