@@ -1,0 +1,113 @@
+"""Commands in the documentation are those that there are: each is parsed as a user's would be, and not run."""
+
+import functools
+import inspect
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from tyro.extras import SubcommandApp
+
+from deggflow.app.cli import main
+from deggflow.app.reproduce.curves import shipped_curves
+from deggflow.app.reproduce.registry import entries
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+BLOCK = re.compile(r"^```sh\n(.*?)^```", re.DOTALL | re.MULTILINE)
+CODE = re.compile(r"`((?:deggflow|python|make) [^`]+)`")
+
+
+def commands_of(page):
+    """Those of code blocks, which are whole, and those within the text, which may leave out what must be given."""
+    text = page.read_text()
+    for block in BLOCK.findall(text):
+        for line in block.replace("\\\n", " ").splitlines():
+            if words := shlex.split(line, comments=True):
+                yield words, True
+    for code in CODE.findall(BLOCK.sub("", text)):
+        yield shlex.split(code), False
+
+
+COMMANDS = sorted(
+    {(page.name, shlex.join(words), whole) for page in PAGES for words, whole in commands_of(page)}
+)
+
+
+def those_of(program):
+    return [
+        pytest.param(shlex.split(command)[1:], whole, id=f"{page}: {command}")
+        for page, command, whole in COMMANDS
+        if command.split()[0] == program
+    ]
+
+
+@pytest.fixture
+def parsed(monkeypatch):
+    """The commands that would have run, by name, with their arguments."""
+    calls, register = [], SubcommandApp.command
+
+    def command(app, function=None, **settings):
+        if function is None:
+            return lambda function: command(app, function, **settings)
+        if isinstance(function, SubcommandApp):
+            return register(app, function, **settings)
+
+        @functools.wraps(function)
+        def parse_only(*args, **kwargs):
+            calls.append((function.__name__, inspect.signature(function).bind(*args, **kwargs)))
+            return 0
+
+        return register(app, parse_only, **settings)
+
+    monkeypatch.setattr(SubcommandApp, "command", command)
+    return calls
+
+
+def test_there_are_commands():
+    assert len(those_of("deggflow")) > 30
+    assert len(those_of("python")) > 5
+
+
+@pytest.mark.parametrize(("arguments", "whole"), those_of("deggflow"))
+def test_a_deggflow_command_is_accepted(arguments, whole, parsed, capsys):
+    with pytest.raises(SystemExit) as end:
+        main(arguments)
+    output = "".join(capsys.readouterr())
+    if end.value.code == 0:
+        assert len(parsed) == 1 or "--help" in arguments
+        names = {entry.experiment.name for entry in entries(shipped_curves())}
+        for command, bound in parsed:
+            if command == "reproduce":
+                assert set(bound.arguments["only"]) <= names
+    else:
+        assert not whole, output
+        assert "Required options" in output, output
+
+
+@pytest.mark.parametrize(("arguments", "whole"), those_of("python"))
+def test_a_script_exists_with_its_options(arguments, whole):
+    script, *rest = arguments
+    path = ROOT / script
+    assert path.is_file()
+    suite = [path, *(path.parent / "suite").glob("*.py")] if path.name == "run.py" else [path]
+    source = "\n".join(each.read_text() for each in suite)
+    for word in rest:
+        if not word.isdigit():
+            assert re.search(rf"\b{re.escape(word.removeprefix('--'))}\b", source), word
+
+
+@pytest.mark.parametrize(("arguments", "whole"), those_of("make"))
+def test_a_make_target_exists(arguments, whole):
+    targets = re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    assert arguments[0] in targets
+
+
+@pytest.mark.parametrize("arguments", [["tabletop", "generate", "--no-such-option", "1"], ["none"]])
+def test_what_does_not_exist_is_refused(arguments, parsed, capsys):
+    with pytest.raises(SystemExit) as end:
+        main(arguments)
+    assert end.value.code == 2
+    assert not parsed
+    assert "Required options" not in "".join(capsys.readouterr())
