@@ -40,7 +40,7 @@ quick: $(VENV)/.base
 
 test: $(VENV)/.dev
 	@XLA_FLAGS="$(XLA_FLAGS)" $(BIN)/python -m pytest -n 2 --dist worksteal -m "not rounding"
-	@XLA_FLAGS= $(BIN)/python -m pytest -n 2 --dist worksteal -m rounding
+	@XLA_FLAGS= $(BIN)/python -m pytest -n 2 --dist worksteal -m rounding $$(grep -rl "mark\.rounding" tests --include="test_*.py")
 
 lint: $(VENV)/.dev
 	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
