@@ -19,7 +19,7 @@ from .drift import EVERY_STEP, AbstractDrift
 from .flow import Field
 from .generation import GUARD, Generation, generate_batch
 from .guidance import AbstractGuidance, AbstractRequirement, DecoupledGuidance, NoGuidance
-from .redraw import Candidate, redraw_until_satisfied
+from .redraw import Candidate, Drawn, redraw_until_satisfied
 from .solver import EULER, RungeKutta
 from .step_guard import StepGuard
 
@@ -148,18 +148,7 @@ def sample(
         field, guidance, judge, key, (shape[0], shape[1]), initial, condition, conditions,
         _masks(mask, masks, count), grid, solver, drift, guard if guided else None, agents, keep_trace,
     )  # fmt: skip
-    satisfied = 0
-
-    def attempt(pending: Sequence[int], number: int) -> list[Candidate[_Sample]]:
-        nonlocal satisfied
-        out: list[Candidate[_Sample]] = []
-        for part in _chunks(len(pending)):
-            out += run.draw(np.asarray(pending)[part], number)
-            satisfied += sum(each.satisfied for each in out[part.start :])
-            on_progress(Progress(number + 1, len(out), len(pending), satisfied, count))
-        return out
-
-    results = redraw_until_satisfied(attempt, count, max_draws if guided else 1)
+    results = run.all_samples(count, max_draws if guided else 1, on_progress)
     return Samples(
         np.stack([each.sample.z for each in results]),
         tuple(replace(each.sample.certificate, draws=each.draws) for each in results),
@@ -226,6 +215,23 @@ class _Run(NamedTuple):
     guard: StepGuard | None
     agents: Sequence[str] | None
     keep_trace: bool
+
+    def all_samples(
+        self, count: int, max_draws: int, on_progress: Callable[[Progress], None]
+    ) -> list[Drawn[_Sample]]:
+        """Every sample at the first draw that satisfies the requirements, or the closest."""
+        satisfied = 0
+
+        def attempt(pending: Sequence[int], number: int) -> list[Candidate[_Sample]]:
+            nonlocal satisfied
+            out: list[Candidate[_Sample]] = []
+            for part in _chunks(len(pending)):
+                out += self.draw(np.asarray(pending)[part], number)
+                satisfied += sum(each.satisfied for each in out[part.start :])
+                on_progress(Progress(number + 1, len(out), len(pending), satisfied, count))
+            return out
+
+        return redraw_until_satisfied(attempt, count, max_draws)
 
     def draw(self, numbers: Int[np.ndarray, " samples"], draw: int) -> list[Candidate[_Sample]]:
         """Samples of these numbers, drawn once and judged."""

@@ -67,18 +67,18 @@ def read_curves(path: StrPath) -> list[Curve]:
     return curves
 
 
-def curves_until(path: Path, done: int, every: int) -> list[Curve]:
+def curves_until(path: Path, last_step: int, every: int) -> list[Curve]:
     """The points of the curves up to a checkpoint.
 
     Raises:
         InputError: A point is missing.
     """
     # If the run was killed between curve and checkpoint, the last point will be computed again.
-    curves = [curve for curve in read_curves(path) if curve.step <= done]
-    if [curve.step for curve in curves] != list(range(every, done + 1, every)):
+    curves = [curve for curve in read_curves(path) if curve.step <= last_step]
+    if [curve.step for curve in curves] != list(range(every, last_step + 1, every)):
         raise InputError(
-            f"must have a point at every {every} steps up to {done}, where the last checkpoint is; "
-            f"got {len(curves)} of {done // every}",
+            f"must have a point at every {every} steps up to {last_step}, where the last checkpoint is; "
+            f"got {len(curves)} of {last_step // every}",
             file=path,
         )
     return curves
@@ -168,14 +168,14 @@ def _file_identity(path: Path) -> tuple[int, int]:
     return status.st_dev, status.st_ino
 
 
-def check_same_run(path: Path, begun: Mapping[str, Any], requested: Mapping[str, Any]) -> None:
+def check_same_run(path: Path, stored: Mapping[str, Any], requested: Mapping[str, Any]) -> None:
     """Checks that the requested run is the one that was begun in the folder.
 
     Raises:
         InputError: A setting or a part differs; the error names it.
     """
     for section in SECTIONS:
-        here, there = requested[section], begun[section]
+        here, there = requested[section], stored[section]
         for name in dict.fromkeys((*here, *there)):
             if name in here and name in there and here[name] == there[name]:
                 continue
@@ -191,27 +191,29 @@ def check_same_run(path: Path, begun: Mapping[str, Any], requested: Mapping[str,
             )
 
 
-def segments_with(path: Path, begun: Mapping[str, Any] | None, steps: int, done: int) -> list[int]:
+def segments_with(
+    path: Path, stored: Mapping[str, Any] | None, steps: int, last_step: int
+) -> list[int]:
     """The steps at which the segments of the run end, including the new segment of an extension.
 
     Raises:
         InputError: `steps` neither completes nor extends the run.
     """
-    if begun is None:
+    if stored is None:
         return [steps]
-    ends: list[int] = list(begun["segments"])
+    ends: list[int] = list(stored["segments"])
     last, other = ends[-1], "or choose another folder"
-    if done > last:
+    if last_step > last:
         raise InputError(
-            f"ends at {last}, but there is a checkpoint of step {done}, which belongs to another run",
+            f"ends at {last}, but there is a checkpoint of step {last_step}, which belongs to another run",
             file=path,
             field="segments",
         )
     if steps == last:
         return ends
-    if done < last:
+    if last_step < last:
         raise InputError(
-            f"`steps` is {steps} here, {last} in the run that was begun in this folder, of which {done} are done; "
+            f"`steps` is {steps} here, {last} in the run that was begun in this folder, of which {last_step} are done; "
             f"complete it with `steps` = {last} first, {other}",
             file=path,
         )
@@ -230,7 +232,7 @@ def run_segments(folder: StrPath) -> list[int]:
         InputError: The folder holds no run, or its config.json is invalid.
     """
     path = Path(folder) / "config.json"
-    begun = read_config(path)
-    if begun is None:
+    stored = read_config(path)
+    if stored is None:
         raise InputError("does not exist: no run was begun in this folder", file=path)
-    return list(begun["segments"])
+    return list(stored["segments"])

@@ -24,6 +24,7 @@ from deggflow.shapes import Scalar
 from . import checkpoints
 from .folder import (
     VERSION,
+    ConfigFile,
     check_same_run,
     config_file,
     curves_until,
@@ -205,27 +206,24 @@ def _run(
 ) -> tuple[eqx.Module, list[Curve]]:
     """`train` in a folder that no other process writes to."""
     path, checkpoint_folder = folder / "config.json", folder / "checkpoints"
-    begun = read_config(path)
-    if begun is not None:
-        check_same_run(path, begun, settings)
+    stored = read_config(path)
+    if stored is not None:
+        check_same_run(path, stored, settings)
     elif any(checkpoint_folder.glob("*")):
         raise InputError(
             "does not exist, and there are checkpoints of an unknown run beside it; choose another folder",
             file=path,
         )
     run = sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()
-    done = checkpoints.last_step(checkpoint_folder)
-    segments = segments_with(path, begun, config.steps, done)
-    curves = curves_until(folder / "curves.csv", done, config.validate_every)
+    last_step = checkpoints.last_step(checkpoint_folder)
+    segments = segments_with(path, stored, config.steps, last_step)
+    curves = curves_until(folder / "curves.csv", last_step, config.validate_every)
     optimizer = _optimizer(config, segments)
-    weights, static = eqx.partition(field, eqx.is_inexact_array)
-    weights = jax.tree.map(jnp.copy, weights)  # the caller's arrays are not donated
-    averaged = jax.tree.map(jnp.zeros_like, weights)
-    state = TrainingState(weights, averaged, optimizer.init(weights), jnp.asarray(0))
-    if done:
-        state = checkpoints.restore(checkpoint_folder, done, state, run)
+    state, static = _initial_state(field, optimizer)
+    if last_step:
+        state = checkpoints.restore(checkpoint_folder, last_step, state, run)
     contents = {"version": VERSION, "segments": segments, **settings}
-    if contents != begun:
+    if contents != stored:
         write_atomically(path, json.dumps(contents, indent=2) + "\n")
     own_config = config_file(path)
     advance, validate = _make_programs(static, config, optimizer, loss, augment)
@@ -235,13 +233,30 @@ def _run(
         state, mean_loss = advance(state, training)
         held_out = float(validate(state, validation))
         curves.append(Curve(int(state.step), float(mean_loss), held_out))
-        own_config.check()
-        write_curves(folder / "curves.csv", curves)
-        checkpoints.save(checkpoint_folder, int(state.step), state, run)
-        try:
-            own_config.check()
-        except InputError:
-            checkpoints.remove(checkpoint_folder, int(state.step))
-            raise
+        _save(folder, own_config, curves, state, run)
         on_progress(curves[-1])
     return eqx.combine(state.averaged, static), curves
+
+
+def _initial_state(
+    field: eqx.Module, optimizer: optax.GradientTransformation
+) -> tuple[TrainingState, Any]:
+    """The state before the first step, and the field's static parts."""
+    weights, static = eqx.partition(field, eqx.is_inexact_array)
+    weights = jax.tree.map(jnp.copy, weights)  # the caller's arrays are not donated
+    averaged = jax.tree.map(jnp.zeros_like, weights)
+    return TrainingState(weights, averaged, optimizer.init(weights), jnp.asarray(0)), static
+
+
+def _save(
+    folder: Path, own_config: ConfigFile, curves: list[Curve], state: TrainingState, run: str
+) -> None:
+    """Writes curves and a checkpoint, unless the folder is no longer this run's."""
+    own_config.check()
+    write_curves(folder / "curves.csv", curves)
+    checkpoints.save(folder / "checkpoints", int(state.step), state, run)
+    try:
+        own_config.check()
+    except InputError:
+        checkpoints.remove(folder / "checkpoints", int(state.step))
+        raise
