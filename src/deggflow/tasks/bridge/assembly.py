@@ -40,15 +40,17 @@ def surroundings(
     """
     rng = np.random.default_rng([seed, number, _DRIVES])
     goals = random_goals(len(condition.contacts), rng)
-    planned = int(rng.integers(2**31))
+    plan_seed = int(rng.integers(2**31))
     if not drives:
-        return Surroundings(None, goals, planned, None)
+        return Surroundings(None, goals, plan_seed, None)
     plank, contacts = np.array(condition.plank), np.array(condition.contacts)
     try:
         starts = random_starts(plank, contacts, rng)
-        return Surroundings(approach(starts, plank, contacts, seed=planned), goals, planned, None)
+        return Surroundings(
+            approach(starts, plank, contacts, seed=plan_seed), goals, plan_seed, None
+        )
     except NoWayError as error:
-        return Surroundings(None, goals, planned, str(error))
+        return Surroundings(None, goals, plan_seed, str(error))
 
 
 def plank_ticks(trial: Trial) -> Float[np.ndarray, "ticks 3"]:

@@ -100,7 +100,7 @@ def continuation(
 ) -> Float[Array, "... horizon 3"]:
     """What the previous policy has left: shifted by the executed actions, led over to from the current motion."""
     last = jnp.broadcast_to(previous[..., -1:, :], (*previous.shape[:-2], EXECUTED, 3))
-    shifted = jnp.concatenate([previous[..., EXECUTED:, :], last], axis=-2)
+    remainder = jnp.concatenate([previous[..., EXECUTED:, :], last], axis=-2)
     weight = jnp.minimum(jnp.arange(1, HORIZON + 1) / (BLENDED + 1), 1.0)
     weight = weight.reshape((1,) * (previous.ndim - 2) + (HORIZON, 1))
-    return current[..., None, :] + weight * (shifted - current[..., None, :])
+    return current[..., None, :] + weight * (remainder - current[..., None, :])

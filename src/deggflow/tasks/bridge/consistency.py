@@ -91,25 +91,25 @@ def _policies(line: Line) -> list[_Policy]:
     twists = np.array(line["twists"], np.float64).reshape(-1, 3)
     poses = np.array(line["poses"], np.float64).reshape(-1, 3)
     contacts = np.array(line["condition"]["contacts"], np.float64)
-    out, done = [], 0
+    out, executed = [], 0
     for k, record in enumerate(certificate["policies"]):
-        begin = min(EXECUTED * done, len(twists))
+        begin = min(EXECUTED * executed, len(twists))
         end = min(begin + EXECUTED, len(twists)) if record["accepted"] else begin
         field, limit = f"certificate.policies[{k}]", certificate.get("speed_limit")
-        given = poses[begin : end + 1], twists[begin:end], contacts, limit
-        out.append(_Policy(record, field, *given))
-        done += bool(record["accepted"])
+        motion = poses[begin : end + 1], twists[begin:end], contacts, limit
+        out.append(_Policy(record, field, *motion))
+        executed += bool(record["accepted"])
     return out
 
 
 def _claim(line: Line, policies: list[_Policy]) -> Iterator[Wrong]:
     """Outcome, satisfied and reason."""
     certificate, failure = line["certificate"], line["outcome"]["reason"]
-    done = [policy for policy in policies if policy.record["accepted"]]
-    broken = sum(not policy.met for policy in done)
+    executed = [policy for policy in policies if policy.record["accepted"]]
+    broken = sum(not policy.met for policy in executed)
     reason = failure
     if failure is None and broken:
-        reason = f"{broken} of {len(done)} executed policies missed a bound"
+        reason = f"{broken} of {len(executed)} executed policies missed a bound"
     if certificate["satisfied"] != (reason is None):
         text = (
             f"is true, but {reason}"
@@ -141,23 +141,21 @@ def _numbers(line: Line, policies: list[_Policy]) -> Iterator[Wrong]:
 def _sequence(line: Line, policies: list[_Policy]) -> Iterator[Wrong]:
     """How many policies there are, and which was refused."""
     accepted = [bool(policy.record["accepted"]) for policy in policies]
-    needed = -(-len(line["twists"]) // EXECUTED)
-    if sum(accepted) != needed:
-        text = (
-            f"has {sum(accepted)} accepted policies; {len(line['twists'])} actions are of {needed}"
-        )
+    required = -(-len(line["twists"]) // EXECUTED)
+    if sum(accepted) != required:
+        text = f"has {sum(accepted)} accepted policies; {len(line['twists'])} actions are of {required}"
         yield Wrong("certificate.policies", text)
     for policy in policies[:-1]:
         if not policy.record["accepted"]:
             yield Wrong(f"{policy.field}.accepted", "is false, but the trial went on")
     reason = line["outcome"]["reason"] or ""
     stopped, over = _STOPPED.match(reason), _OVER.fullmatch(reason)
-    refused = bool(accepted) and not accepted[-1]
-    if refused != bool(stopped):
-        what = "was refused" if refused else "was executed"
+    last_refused = bool(accepted) and not accepted[-1]
+    if last_refused != bool(stopped):
+        what = "was refused" if last_refused else "was executed"
         yield Wrong("outcome.reason", f"and the last policy contradict, which {what}")
-    for said in (stopped, over):
-        if said and int(said[1]) != len(policies):
+    for count in (stopped, over):
+        if count and int(count[1]) != len(policies):
             yield Wrong("outcome.reason", f"counts another number of policies than {len(policies)}")
 
 
@@ -173,17 +171,17 @@ def _factors(policy: _Policy) -> Iterator[Wrong]:
     fastest = float(speeds(policy.twists, policy.contacts).max())
     if policy.whole and not _close(record["q_task"], task):
         yield Wrong(f"{field}.q_task", f"is not that of the pose that was reached, {task:.6f}")
-    for name, found in (("q_safe", safe), ("speed", fastest)):
-        said = record.get(name, found)  # files of earlier versions have no `speed`
-        if not _close(said, found) and (policy.whole or said < found):
+    for name, recomputed in (("q_safe", safe), ("speed", fastest)):
+        stated = record.get(name, recomputed)  # files of earlier versions have no `speed`
+        if not _close(stated, recomputed) and (policy.whole or stated < recomputed):
             least = "" if policy.whole else "at least "
             yield Wrong(
-                f"{field}.{name}", f"is not that of the executed actions, {least}{found:.6f}"
+                f"{field}.{name}", f"is not that of the executed actions, {least}{recomputed:.6f}"
             )
 
 
-def _close(said: float, found: float) -> bool:
-    return abs(said - found) <= TOLERANCE * (1 + abs(found))
+def _close(stated: float, recomputed: float) -> bool:
+    return abs(stated - recomputed) <= TOLERANCE * (1 + abs(recomputed))
 
 
 def _acceptance(policy: _Policy) -> Iterator[Wrong]:
@@ -203,29 +201,29 @@ def _generations(line: Line, policies: list[_Policy]) -> Iterator[Wrong]:
     robots = [f"robot {k + 1}" for k in range(len(line["condition"]["contacts"]))]
     guided = any(policy.record.get("generation") is not None for policy in policies)
     for policy in policies:
-        made, field = policy.record.get("generation"), f"{policy.field}.generation"
-        if made is not None:
-            yield from consistency.check_generation(made, field, names, robots)
-            yield from _values(made, field, policy)
+        generation, field = policy.record.get("generation"), f"{policy.field}.generation"
+        if generation is not None:
+            yield from consistency.check_generation(generation, field, names, robots)
+            yield from _values(generation, field, policy)
         elif guided:
             yield Wrong(field, "is missing, though other policies of the trial were guided")
     if limit is not None and policies and not guided:
         yield Wrong("certificate.speed_limit", "is of a trial that no requirement guided")
 
 
-def _values(made: Line, field: str, policy: _Policy) -> Iterator[Wrong]:
+def _values(generation: Line, field: str, policy: _Policy) -> Iterator[Wrong]:
     """The values at z(1), in float32, against those of the policy."""
     record = policy.record
     ends = {
         "q_task": (record["q_task"], record["bound"]),
         "q_safe": (record["q_safe"], 0.0),
     }
-    for k, row in enumerate(made["requirements"]):
+    for k, row in enumerate(generation["requirements"]):
         place = f"{field}.requirements[{k}]"
-        for name, said in zip(("value", "limit"), ends.get(row["name"], ()), strict=False):
-            known = name == "limit" or record["q_task"] < DIVERGED
-            if known and not abs(row[name] - said) <= SINGLE * (1 + abs(said)):
-                yield Wrong(f"{place}.{name}", f"is not that of the policy, {said:.6f}")
+        for name, stated in zip(("value", "limit"), ends.get(row["name"], ()), strict=False):
+            comparable = name == "limit" or record["q_task"] < DIVERGED
+            if comparable and not abs(row[name] - stated) <= SINGLE * (1 + abs(stated)):
+                yield Wrong(f"{place}.{name}", f"is not that of the policy, {stated:.6f}")
         if row["name"] == "speed" and policy.limit:
             exact = speed_violation(policy.twists, policy.contacts, policy.limit)
             less = _length(exact) - _length(row["value"])
@@ -238,9 +236,9 @@ def _length(violation: float) -> float:
     return float(np.sqrt(2 * max(violation, 0.0)))
 
 
-def other_condition(asked: TrialCondition, given: TrialCondition) -> Wrong | None:
+def other_condition(expected: TrialCondition, actual: TrialCondition) -> Wrong | None:
     """The first thing in which a line's condition is not what was asked for."""
-    one, other = (_plain(condition) for condition in (asked, given))
+    one, other = (_plain(condition) for condition in (expected, actual))
     return consistency.first_difference(one, other, "condition")
 
 

@@ -49,12 +49,12 @@ def guided_course(
     tau = np.asarray(trace.tau, np.float64)
     value, bound = np.asarray(trace.value, np.float64), np.asarray(trace.bound, np.float64)
     before = tau < 1.0
-    made = end.record(0, int(condition.mask.sum()))
+    record = end.record(0, int(condition.mask.sum()))
     return Course(
         np.append(tau[before], 1.0),
         np.vstack([value[before], [end.q_task[0], end.q_safe[0]]]),
         np.vstack([bound[before], [end.bound[0], 0.0]]),
-        made is not None and made.hypotheses_hold,
+        record is not None and record.hypotheses_hold,
     )
 
 

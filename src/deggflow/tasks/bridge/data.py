@@ -62,20 +62,20 @@ def to_json(demonstration: Demonstration) -> dict[str, Any]:
 def parse_demonstration(value: Any) -> Demonstration:
     """A demonstration from its JSON object; raises `InputError` with the field."""
     keys = ("condition", "approach", "twists", "bridged", "seed", "number")
-    given = expect_object(value, "", keys, keys)
-    approach = expect_object(given["approach"], "approach", Approach._fields, Approach._fields)
+    entries = expect_object(value, "", keys, keys)
+    approach = expect_object(entries["approach"], "approach", Approach._fields, Approach._fields)
     return Demonstration(
-        parse_condition(given["condition"], "condition"),
+        parse_condition(entries["condition"], "condition"),
         Approach(
             expect_choice(approach["side"], "approach.side", SIDES),
             expect_choice(approach["turn"], "approach.turn", TURNS),
             expect_number(approach["detour"], "approach.detour", *DETOUR, "m"),
             expect_number(approach["pace"], "approach.pace", *PACE, ""),
         ),
-        (twists := parse_twists(given["twists"], "twists")),
-        expect_integer(given["bridged"], "bridged", 0, len(twists)),
-        expect_integer(given["seed"], "seed", 0, 2**31 - 1),
-        expect_integer(given["number"], "number", 0, 2**31 - 1),
+        (twists := parse_twists(entries["twists"], "twists")),
+        expect_integer(entries["bridged"], "bridged", 0, len(twists)),
+        expect_integer(entries["seed"], "seed", 0, 2**31 - 1),
+        expect_integer(entries["number"], "number", 0, 2**31 - 1),
     )
 
 
@@ -86,9 +86,9 @@ def read_demonstrations(path: StrPath) -> list[Demonstration]:
 
 def approaches(path: StrPath) -> dict[str, Rate]:
     """How often each way to approach occurs among the demonstrations of a file."""
-    found = Counter(f"{d.approach.side}, {d.approach.turn}" for d in read_demonstrations(path))
+    counts = Counter(f"{d.approach.side}, {d.approach.turn}" for d in read_demonstrations(path))
     ways = [f"{side}, {turn}" for side in SIDES for turn in TURNS]
-    return {way: Rate(found[way], found.total()) for way in ways}
+    return {way: Rate(counts[way], counts.total()) for way in ways}
 
 
 def _perturbation(count: int, seed: int) -> Float[np.ndarray, "windows horizon 3"]:
@@ -151,12 +151,12 @@ def training_scales(examples: Example) -> Scales:
 
     eta = np.asarray(spline_coefficients(examples.twists - examples.condition.continuation))
     ahead = _over_robots(examples.condition.continuation, examples.condition)
-    done = _over_robots(examples.twists, examples.condition)
+    actions = _over_robots(examples.twists, examples.condition)
     return Scales(
         eta=listed(np.maximum(eta.std(0), _FEW)),
         continuation_mean=listed(ahead.mean(0)),
         continuation_std=listed(np.maximum(ahead.std(0), _FEW)),
-        contact=listed(done.std((0, 1))),
+        contact=listed(actions.std((0, 1))),
         twist=listed(np.asarray(examples.twists).std((0, 1))),
     )
 

@@ -66,18 +66,18 @@ def random_starts(plank: Pose, contacts: Centres, rng: np.random.Generator) -> C
     part = np.full(robots, -2)
     part[point] = lattice.component[to]
     for free in STARTS_APART:
-        drawn = rng.uniform(LEFT[0] + EDGE, LEFT[1] - EDGE, (TRIES, 2))
-        drawn = drawn[plank_distance(plank, drawn) >= ROBOT_RADIUS + free]
-        point, to = links(drawn, lattice, clear)
-        where = np.full(len(drawn), -1)
+        samples = rng.uniform(LEFT[0] + EDGE, LEFT[1] - EDGE, (TRIES, 2))
+        samples = samples[plank_distance(plank, samples) >= ROBOT_RADIUS + free]
+        point, to = links(samples, lattice, clear)
+        where = np.full(len(samples), -1)
         where[point] = lattice.component[to]
         starts = np.full((robots, 2), np.inf)
         for robot in range(robots):
-            apart = np.linalg.norm(drawn[:, None] - starts[None], axis=-1).min(-1)
+            apart = np.linalg.norm(samples[:, None] - starts[None], axis=-1).min(-1)
             fits = (where == part[robot]) & (apart >= 2 * ROBOT_RADIUS + free)
             if not fits.any():
                 break
-            starts[robot] = drawn[np.argmax(fits)]
+            starts[robot] = samples[np.argmax(fits)]
         if np.isfinite(starts).all():
             return starts
     raise NoWayError(f"robot {robot + 1} has no room from which it could reach its contact point")
@@ -89,10 +89,10 @@ def random_goals(robots: int, rng: np.random.Generator) -> Centres:
     high = np.array([X_MAX, Y_MAX]) - ROBOT_RADIUS - EDGE
     while True:
         goals = np.empty((0, 2))
-        for drawn in rng.uniform(low, high, (TRIES, 2)):
-            apart = np.linalg.norm(goals - drawn, axis=-1)
+        for sample in rng.uniform(low, high, (TRIES, 2)):
+            apart = np.linalg.norm(goals - sample, axis=-1)
             if np.all(apart >= 2 * ROBOT_RADIUS + GOALS_APART):
-                goals = np.concatenate([goals, drawn[None]])
+                goals = np.concatenate([goals, sample[None]])
             if len(goals) == robots:
                 return goals
 

@@ -161,11 +161,11 @@ class BridgeParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
         """
         if seed is not None:
             self._rng = np.random.default_rng(seed)
-        given = {} if options is None else options
-        if unread := [key for key in given if key not in OPTIONS]:
+        settings = {} if options is None else options
+        if unread := [key for key in settings if key not in OPTIONS]:
             _log.warning("options %s are not read, only %s are", unread, list(OPTIONS))
-        plan = _checked_plan(given.get("plan"))
-        self._last = Episode(self._condition(given.get("condition")), self.scales)
+        plan = _checked_plan(settings.get("plan"))
+        self._last = Episode(self._condition(settings.get("condition")), self.scales)
         self._last.set_plan(plan)
         self.agents = self.possible_agents.copy()
         return self._observations(), self._infos(np.zeros(len(self.agents), bool))
@@ -180,9 +180,9 @@ class BridgeParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
         trial = self._trial
         if not self.agents:
             raise RuntimeError("the trial is over: call `reset`")
-        asked = self._velocities(actions)
+        commands = self._velocities(actions)
         limit = float(self.action_spaces[self.agents[0]].high[0])  # 0.86 as float32 has it
-        velocities, before = np.clip(asked, -limit, limit), trial.q_task
+        velocities, before = np.clip(commands, -limit, limit), trial.q_task
         trial.advance(velocities)
         over = trial.rollout.over
         late = not over and len(trial.rollout.twists) >= self.max_actions
@@ -194,7 +194,7 @@ class BridgeParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
             dict.fromkeys(self.agents, reward),
             dict.fromkeys(self.agents, over),
             dict.fromkeys(self.agents, late),
-            self._infos((velocities != asked).any(axis=-1)),
+            self._infos((velocities != commands).any(axis=-1)),
         )
         if over or late:
             self.agents = []
@@ -243,13 +243,13 @@ class BridgeParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
             raise RuntimeError("no trial has begun: call `reset`")
         return self._last
 
-    def _condition(self, given: Any) -> TrialCondition:
+    def _condition(self, value: Any) -> TrialCondition:
         robots = len(self.possible_agents)
-        if given is None:
+        if value is None:
             return random_condition(robots, self._rng)
-        if isinstance(given, TrialCondition):
-            given = replace(given, given=None).to_json()
-        condition = parse_condition(given, "condition")
+        if isinstance(value, TrialCondition):
+            value = replace(value, given=None).to_json()
+        condition = parse_condition(value, "condition")
         if len(condition.contacts) != robots:
             raise InputError(
                 f"the environment has {robots} robots; got {len(condition.contacts)} contact points",
@@ -264,12 +264,12 @@ class BridgeParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
             unknown = sorted(str(key) for key in set(actions) - set(self.agents))
             raise ValueError(f"actions are for {self.agents}; got one for {', '.join(unknown)}.")
         try:
-            found = np.array([actions[agent] for agent in self.agents], np.float64)
+            velocities = np.array([actions[agent] for agent in self.agents], np.float64)
         except (TypeError, ValueError):
-            found = np.empty(0)
-        if found.shape != (len(self.agents), 2) or not np.isfinite(found).all():
+            velocities = np.empty(0)
+        if velocities.shape != (len(self.agents), 2) or not np.isfinite(velocities).all():
             return np.array([_velocity(agent, actions[agent]) for agent in self.agents])
-        return found
+        return velocities
 
     def _observations(self) -> dict[str, np.ndarray]:
         return dict(zip(self.agents, self._trial.read().astype(np.float32), strict=True))
@@ -284,8 +284,8 @@ class BridgeParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
             "twist": trial.rollout.twist.copy(),
             "pose": trial.rollout.pose.copy(),
         }
-        cut = clipped.tolist()
-        return {agent: {**common, "clipped": cut[k]} for k, agent in enumerate(self.agents)}
+        flags = clipped.tolist()
+        return {agent: {**common, "clipped": flags[k]} for k, agent in enumerate(self.agents)}
 
 
 parallel_env = BridgeParallelEnv  # the name under which PettingZoo's tools look for a constructor
@@ -297,14 +297,14 @@ def _unbounded(size: int) -> Box:
 
 def _velocity(agent: str, action: Any) -> Float[np.ndarray, " 2"]:
     try:
-        found = np.asarray(action, np.float64)
+        velocity = np.asarray(action, np.float64)
     except (TypeError, ValueError):
-        found = np.empty(0)
-    if found.shape != (2,) or not np.isfinite(found).all():
+        velocity = np.empty(0)
+    if velocity.shape != (2,) or not np.isfinite(velocity).all():
         raise ValueError(
             f"the action of {agent} must be two finite velocities (m/s); got {action!r}."
         )
-    return found
+    return velocity
 
 
 def _checked_plan(twists: Any) -> Float[np.ndarray, "steps 3"] | None:

@@ -73,8 +73,8 @@ class Episode:
         """The continuation: the rest of the plan, led over to from the last action; without a plan, that action."""
         if self._plan is None:
             return np.tile(self.rollout.twist, (HORIZON, 1))
-        done = len(self.rollout.twists) - self._planned_at
-        rest = self._plan[np.minimum(np.arange(done, done + HORIZON), len(self._plan) - 1)]
+        elapsed = len(self.rollout.twists) - self._planned_at
+        rest = self._plan[np.minimum(np.arange(elapsed, elapsed + HORIZON), len(self._plan) - 1)]
         return self.rollout.twist + _BLEND * (rest - self.rollout.twist)
 
     def read(self) -> Float[np.ndarray, "robots entries"]:

@@ -76,18 +76,18 @@ class Evaluation(Row):
 def count_policies(trials: Sequence[Trial]) -> PolicyCounts:
     """Every policy of some trials, and whether both factors end below their bounds."""
     records = [record for trial in trials for record in trial.certificate.policies]
-    met = [record for record in records if record.met and record.accepted]
+    successes = [record for record in records if record.met and record.accepted]
     return PolicyCounts(
         len(records),
-        sum(record.draws == 1 for record in met),
-        len(met),
+        sum(record.draws == 1 for record in successes),
+        len(successes),
         max((record.draws for record in records), default=0),
     )
 
 
 def _refuted(name: str, trials: Sequence[Trial]) -> list[str]:
-    said = [refutation(trial.to_json()) for trial in trials]
-    return [f"{name} trial {k}: {text}" for k, text in enumerate(said, start=1) if text]
+    texts = [refutation(trial.to_json()) for trial in trials]
+    return [f"{name} trial {k}: {text}" for k, text in enumerate(texts, start=1) if text]
 
 
 def evaluate(field: BridgeField, size: int, count: int, seed: int, max_draws: int) -> Evaluation:
@@ -142,13 +142,13 @@ class Passes(NamedTuple):
 def demonstrated(count: int, seed: int) -> list[Passes]:
     """Ways of the expert from the symmetric start."""
     rng = np.random.default_rng([seed, 3])
-    found: list[Passes] = []
-    while len(found) < count:
-        solved = demonstrate(SYMMETRIC, random_approach(rng))
-        if solved is not None:
-            twists, bridged = solved
-            found.append(Passes(integrate(np.array(SYMMETRIC.plank), twists[:bridged]), True))
-    return found
+    ways: list[Passes] = []
+    while len(ways) < count:
+        demonstration = demonstrate(SYMMETRIC, random_approach(rng))
+        if demonstration is not None:
+            twists, bridged = demonstration
+            ways.append(Passes(integrate(np.array(SYMMETRIC.plank), twists[:bridged]), True))
+    return ways
 
 
 def passes(field: BridgeField, source: str, count: int, seed: int, max_draws: int) -> list[Passes]:
@@ -161,10 +161,10 @@ def passes(field: BridgeField, source: str, count: int, seed: int, max_draws: in
     return [Passes(trial.poses, trial.success) for trial in trials]
 
 
-def count_modes(source: str, found: Sequence[Passes]) -> Modes:
+def count_modes(source: str, ways: Sequence[Passes]) -> Modes:
     """Passes on either side, and how far out."""
-    y = [way.poses[:, 1] for way in found]
+    y = [way.poses[:, 1] for way in ways]
     farthest = np.array([each[np.argmax(np.abs(each))] for each in y])
     low, median, high = np.percentile(np.abs(farthest), [5, 50, 95]).tolist()
-    bridged = sum(way.bridged for way in found)
-    return Modes(source, len(found), bridged, int(np.sum(farthest > 0)), low, median, high)
+    bridged = sum(way.bridged for way in ways)
+    return Modes(source, len(ways), bridged, int(np.sum(farthest > 0)), low, median, high)

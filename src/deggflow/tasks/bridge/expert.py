@@ -130,9 +130,9 @@ def random_demonstration(robots: int, seed: int, number: int) -> Demonstration:
         condition = random_condition(robots, rng)
         for _ in range(ATTEMPTS):
             approach = random_approach(rng)
-            solved = demonstrate(condition, approach)
-            if solved is not None:
-                return Demonstration(condition, approach, *solved, seed, number)
+            solution = demonstrate(condition, approach)
+            if solution is not None:
+                return Demonstration(condition, approach, *solution, seed, number)
 
 
 def windows(

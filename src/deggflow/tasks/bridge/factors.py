@@ -63,8 +63,8 @@ def task_margins(pose: Float[Array, " 3"]) -> Float[Array, " 6"]:
 
 def task_factor(pose: Float[Array, " 3"]) -> Scalar:
     """q_task: at most 0 only where the plank bridges the gap inside the workspace (within EPSILON m)."""
-    scaled = task_margins(pose) / jnp.array(TASK_SCALES)
-    return jax.nn.logsumexp(-TASK_SHARPNESS * scaled) / TASK_SHARPNESS
+    ratios = task_margins(pose) / jnp.array(TASK_SCALES)
+    return jax.nn.logsumexp(-TASK_SHARPNESS * ratios) / TASK_SHARPNESS
 
 
 def safe_margins(

@@ -42,12 +42,12 @@ class BridgeField(eqx.Module):
     def __init__(self, scales: Scales, *, key: PRNGKeyArray) -> None:
         """Args: scales: statistics of the training set."""
         keys = jax.random.split(key, 6)
-        heard = AGENT_DIM + CONTACT_SIZE + OTHER_SIZE
-        read = AGENT_DIM + CONTACT_SIZE + OWN_SIZE + MESSAGE_WIDTH + 1 + TIME_FEATURES
+        message_inputs = AGENT_DIM + CONTACT_SIZE + OTHER_SIZE
+        head_inputs = AGENT_DIM + CONTACT_SIZE + OWN_SIZE + MESSAGE_WIDTH + 1 + TIME_FEATURES
         self.scales = scales
-        self.message = eqx.nn.Linear(heard, MESSAGE_WIDTH, key=keys[0])
+        self.message = eqx.nn.Linear(message_inputs, MESSAGE_WIDTH, key=keys[0])
         self.message_out = eqx.nn.Linear(MESSAGE_WIDTH, MESSAGE_WIDTH, key=keys[1])
-        self.entry = eqx.nn.Linear(read, HEAD_WIDTH, key=keys[2])
+        self.entry = eqx.nn.Linear(head_inputs, HEAD_WIDTH, key=keys[2])
         self.inner = tuple(eqx.nn.Linear(HEAD_WIDTH, HEAD_WIDTH, key=k) for k in keys[3:5])
         self.exit = eqx.nn.Linear(HEAD_WIDTH, AGENT_DIM, key=keys[5])
 
@@ -61,11 +61,13 @@ class BridgeField(eqx.Module):
         Linear layers are split at their inputs: what neither tau nor z enters is computed here, once. The
         messages' second layer is linear, so it is applied to their mean, and merged with the layer after it.
         """
-        seen = observe(condition, self.scales)
+        observation = observe(condition, self.scales)
         at = AGENT_DIM, AGENT_DIM + CONTACT_SIZE
         of_state, of_contact, of_pair = jnp.split(self.message.weight, at, axis=1)
         pairs = (
-            (seen.contact @ of_contact.T)[None] + seen.other @ of_pair.T + _bias(self.message)[None]
+            (observation.contact @ of_contact.T)[None]
+            + observation.other @ of_pair.T
+            + _bias(self.message)[None]
         )
         agents = condition.mask.shape[0]
         linked = condition.mask[None, :] & ~jnp.eye(agents, dtype=bool)
@@ -77,19 +79,19 @@ class BridgeField(eqx.Module):
             self.entry.weight, ends, axis=1
         )
         heard = entry_m @ self.message_out.weight
-        fixed = (
-            seen.contact @ entry_c.T
-            + seen.own @ entry_own.T
+        constant = (
+            observation.contact @ entry_c.T
+            + observation.own @ entry_own.T
             + ((others / (MAX_ROBOTS - 1)) * entry_n[:, 0])[None]
             + (others > 0) * (_bias(self.message_out) @ entry_m.T)
             + _bias(self.entry)
         )
 
         def velocity(tau: Scalar, z: States, _: Any) -> States:
-            said = jax.nn.silu(pairs + (z @ of_state.T)[None])
-            mean = jnp.sum(said * weight, axis=1)
+            messages = jax.nn.silu(pairs + (z @ of_state.T)[None])
+            mean = jnp.sum(messages * weight, axis=1)
             hidden = (
-                fixed + z @ entry_z.T + mean @ heard.T + (entry_time @ time_features(tau))[None]
+                constant + z @ entry_z.T + mean @ heard.T + (entry_time @ time_features(tau))[None]
             )
             for layer in self.inner:
                 hidden = jax.nn.silu(hidden) @ layer.weight.T + _bias(layer)
@@ -110,19 +112,19 @@ def shipped_weights() -> Path:
 
 def _scales(value: Any) -> Scales:
     """Statistics as a card gives them: finite, of the right number, and what is divided by positive."""
-    given = expect_object(value, "scales", Scales._fields, Scales._fields)
-    found = {}
+    entries = expect_object(value, "scales", Scales._fields, Scales._fields)
+    values = {}
     for name, default in Scales._field_defaults.items():
         field = f"scales.{name}"
-        numbers = expect_list(given[name], field)
+        numbers = expect_list(entries[name], field)
         if len(numbers) != len(default):
             raise InputError(f"must hold {len(default)} numbers; got {len(numbers)}", field=field)
         least = -LARGEST_SCALE if name == "continuation_mean" else 1 / LARGEST_SCALE
-        found[name] = tuple(
+        values[name] = tuple(
             expect_number(number, f"{field}[{k}]", least, LARGEST_SCALE, "")
             for k, number in enumerate(numbers)
         )
-    return Scales(**found)
+    return Scales(**values)
 
 
 def load_field(path: StrPath | None = None) -> BridgeField:

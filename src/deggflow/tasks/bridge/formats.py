@@ -47,11 +47,11 @@ _EDGE = 1e-6  # m by which what touches may miss or overlap, as it was written i
 
 def _pose(value: Any, field: str) -> tuple[float, float, float]:
     keys = ("x", "y", "theta")
-    given = expect_object(value, field, keys, keys)
+    entries = expect_object(value, field, keys, keys)
     return (
-        expect_number(given["x"], join(field, "x"), X_MIN, X_MAX, "m"),
-        expect_number(given["y"], join(field, "y"), Y_MIN, Y_MAX, "m"),
-        expect_number(given["theta"], join(field, "theta"), -MAX_ANGLE, MAX_ANGLE, "rad"),
+        expect_number(entries["x"], join(field, "x"), X_MIN, X_MAX, "m"),
+        expect_number(entries["y"], join(field, "y"), Y_MIN, Y_MAX, "m"),
+        expect_number(entries["theta"], join(field, "theta"), -MAX_ANGLE, MAX_ANGLE, "rad"),
     )
 
 
@@ -90,12 +90,12 @@ def _contacts(value: Any, field: str) -> tuple[tuple[float, float], ...]:
 def parse_condition(value: Any, field: str = "") -> TrialCondition:
     """A condition from its JSON object; raises `InputError` with the field."""
     keys = ("plank", "goal", "contacts")
-    given = expect_object(value, field, keys, keys)
+    entries = expect_object(value, field, keys, keys)
     return TrialCondition(
-        _pose(given["plank"], join(field, "plank")),
-        _pose(given["goal"], join(field, "goal")),
-        _contacts(given["contacts"], join(field, "contacts")),
-        given,
+        _pose(entries["plank"], join(field, "plank")),
+        _pose(entries["goal"], join(field, "goal")),
+        _contacts(entries["contacts"], join(field, "contacts")),
+        entries,
     )
 
 
@@ -138,36 +138,36 @@ def _poses(
 
 def _policy(value: Any, field: str) -> PolicyRecord:
     keys = ("q_task", "bound", "q_safe", "draws", "accepted")
-    given = expect_object(value, field, (*keys, "speed", "generation"), keys)
+    entries = expect_object(value, field, (*keys, "speed", "generation"), keys)
     q_task, bound, q_safe = (
-        expect_number(given[key], join(field, key), -_ANY, _ANY, "") for key in keys[:3]
+        expect_number(entries[key], join(field, key), -_ANY, _ANY, "") for key in keys[:3]
     )
-    made = given.get("generation")
+    generation = entries.get("generation")
     return PolicyRecord(
         q_task,
         bound,
         q_safe,
-        expect_integer(given["draws"], join(field, "draws"), 1, MAX_DRAWS),
-        expect_flag(given["accepted"], join(field, "accepted")),
-        expect_number(given.get("speed", 0.0), join(field, "speed"), 0.0, _ANY, "m/s"),
-        None if made is None else parse_generation(made, join(field, "generation")),
+        expect_integer(entries["draws"], join(field, "draws"), 1, MAX_DRAWS),
+        expect_flag(entries["accepted"], join(field, "accepted")),
+        expect_number(entries.get("speed", 0.0), join(field, "speed"), 0.0, _ANY, "m/s"),
+        None if generation is None else parse_generation(generation, join(field, "generation")),
     )
 
 
 def _certificate(value: Any, field: str) -> TrialCertificate:
     keys = ("satisfied", "min_margin", "violation", "draws", "reason", "policies")
-    given = expect_object(value, field, (*keys, "speed_limit"), keys)
-    policies, limit = given["policies"], given.get("speed_limit")
+    entries = expect_object(value, field, (*keys, "speed_limit"), keys)
+    policies, limit = entries["policies"], entries.get("speed_limit")
     if not isinstance(policies, list) or len(policies) > MAX_ACTIONS:
         raise InputError(
             f"must be a list of at most {MAX_ACTIONS} policies", field=join(field, "policies")
         )
     return TrialCertificate(
-        expect_flag(given["satisfied"], join(field, "satisfied")),
-        expect_number(given["min_margin"], join(field, "min_margin"), -_ANY, _ANY, "m"),
-        expect_number(given["violation"], join(field, "violation"), 0.0, _ANY, ""),
-        expect_integer(given["draws"], join(field, "draws"), 1, MAX_DRAWS),
-        expect_reason(given["reason"], join(field, "reason")),
+        expect_flag(entries["satisfied"], join(field, "satisfied")),
+        expect_number(entries["min_margin"], join(field, "min_margin"), -_ANY, _ANY, "m"),
+        expect_number(entries["violation"], join(field, "violation"), 0.0, _ANY, ""),
+        expect_integer(entries["draws"], join(field, "draws"), 1, MAX_DRAWS),
+        expect_reason(entries["reason"], join(field, "reason")),
         tuple(_policy(item, f"{field}.policies[{k}]") for k, item in enumerate(policies)),
         None
         if limit is None
@@ -178,24 +178,24 @@ def _certificate(value: Any, field: str) -> TrialCertificate:
 def parse_trial(value: Any) -> Trial:
     """A trial from its JSON object; raises `InputError` with the field."""
     keys = ("condition", "dt", "twists", "poses", "outcome", "certificate", "seed")
-    given = expect_object(value, "", keys, keys)
-    condition = parse_condition(given["condition"], "condition")
-    if given["dt"] != DT:
+    entries = expect_object(value, "", keys, keys)
+    condition = parse_condition(entries["condition"], "condition")
+    if entries["dt"] != DT:
         raise InputError(
-            f"must be {DT}, the seconds of an action; got {quoted(given['dt'])}", field="dt"
+            f"must be {DT}, the seconds of an action; got {quoted(entries['dt'])}", field="dt"
         )
-    twists = parse_twists(given["twists"], "twists")
-    poses = _poses(given["poses"], condition.plank, len(twists))
+    twists = parse_twists(entries["twists"], "twists")
+    poses = _poses(entries["poses"], condition.plank, len(twists))
     outcome = expect_object(
-        given["outcome"], "outcome", ("success", "reason"), ("success", "reason")
+        entries["outcome"], "outcome", ("success", "reason"), ("success", "reason")
     )
     success = expect_flag(outcome["success"], "outcome.success")
     reason = expect_reason(outcome["reason"], "outcome.reason")
     if success != (reason is None) or reason == "":
-        needed = "be null, as the trial succeeded" if success else "say why the trial failed"
-        raise InputError(f"must {needed}", field="outcome.reason")
-    certificate = _certificate(given["certificate"], "certificate")
-    seed = expect_integer(given["seed"], "seed", 0, MAX_SEED)
+        requirement = "be null, as the trial succeeded" if success else "say why the trial failed"
+        raise InputError(f"must {requirement}", field="outcome.reason")
+    certificate = _certificate(entries["certificate"], "certificate")
+    seed = expect_integer(entries["seed"], "seed", 0, MAX_SEED)
     return Trial(condition, twists, poses, success, reason, certificate, seed)
 
 

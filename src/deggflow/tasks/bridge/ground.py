@@ -76,8 +76,8 @@ def around_plank(plank: Pose) -> Clear:
         keep = np.minimum(nearer, world.ROBOT_RADIUS + SPARE)[:, None] - EXACT
         a, b = seen_from(plank, start), seen_from(plank, end)
         # The plank grown by `keep` is two boxes, and a disk at each corner.
-        for grown in ([1.0, 0.0], [0.0, 1.0]):
-            free &= ~_meets_box(a, b, HALF + keep * grown)
+        for axes in ([1.0, 0.0], [0.0, 1.0]):
+            free &= ~_meets_box(a, b, HALF + keep * axes)
         for signs in product((-1.0, 1.0), repeat=2):
             free &= nearest_approach(a - HALF * signs, b - HALF * signs) >= keep[:, 0]
         return free

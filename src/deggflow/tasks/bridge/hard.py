@@ -41,10 +41,10 @@ def hard_start(robots: int, rng: np.random.Generator) -> Start:
     low = [X_MIN, Y_MIN, -SWAY]
     high = [GAP_RIGHT - PLANK_LENGTH / 4, Y_MAX, SWAY]
     poses = rng.uniform(low, high, (TRIES, 3))
-    found = margins(poses, condition.contacts)
-    robot = np.minimum(found.wall.min(-1), found.gap.min(-1)) - ROBOT_BUFFER
-    room = np.minimum(np.minimum(found.plank - PLANK_BUFFER, found.support), robot)
-    near = np.flatnonzero((np.abs(room) <= ROOM) & (found.support >= 0) & ~bridges(poses))
+    distances = margins(poses, condition.contacts)
+    robot = np.minimum(distances.wall.min(-1), distances.gap.min(-1)) - ROBOT_BUFFER
+    room = np.minimum(np.minimum(distances.plank - PLANK_BUFFER, distances.support), robot)
+    near = np.flatnonzero((np.abs(room) <= ROOM) & (distances.support >= 0) & ~bridges(poses))
     if not len(near):
         return hard_start(robots, rng)
     x, y, theta = poses[near[0]].tolist()
@@ -92,19 +92,19 @@ def evaluate_hard(
     """Guided policies from hard states; each accepted one is replayed by the oracle."""
     starts = hard_starts(size, states, seed)
     generator = BridgeGenerator(field, bridge_guidance(field.scales))
-    found = generator.single(starts, seed=seed, max_draws=max_draws)
-    accepted = [each for each in found if each.record.accepted]
-    refused = [each for each in found if not each.record.accepted]
+    policies = generator.single(starts, seed=seed, max_draws=max_draws)
+    accepted = [each for each in policies if each.record.accepted]
+    refused = [each for each in policies if not each.record.accepted]
     records = [each.record.generation for each in accepted]
     return HardPolicies(
         size,
         states,
-        met_at_once=sum(each.first_met for each in found),
+        met_at_once=sum(each.first_met for each in policies),
         accepted=len(accepted),
         missed=sum(not each.record.met for each in accepted),
         refuted=sum(_broken(each.condition, each.twists) for each in accepted),
-        hypotheses_hold=sum(made is not None and made.hypotheses_hold for made in records),
-        with_forced_steps=sum(made is not None and made.forced_steps > 0 for made in records),
+        hypotheses_hold=sum(record is not None and record.hypotheses_hold for record in records),
+        with_forced_steps=sum(record is not None and record.forced_steps > 0 for record in records),
         blocked=dict(Counter(_kind(each.reason or "") for each in refused)),
         excess=max((each.record.excess for each in refused), default=0.0),
     )

@@ -40,10 +40,10 @@ def training_loss(scales: Scales) -> SampleLoss:
     ) -> Scalar:
         condition, present = example.condition, jnp.sum(mask)
         x, velocity = LinearPath().sample(tau, x0, x1)
-        found = field(tau, x, condition)
-        square = jnp.sum((found - velocity) ** 2, axis=-1)
+        prediction = field(tau, x, condition)
+        square = jnp.sum((prediction - velocity) ** 2, axis=-1)
         mac = jnp.sum(jnp.where(mask, square, 0.0)) / present
-        end = x + (1 - tau) * found  # the estimated endpoint
+        end = x + (1 - tau) * prediction  # the estimated endpoint
         error = decode_twists(end, condition, scales) - example.twists
         twist = jnp.sum(rho[:, None] * (error / sigma_xi[None]) ** 2) / (3 * jnp.sum(rho))
         slip = contact_velocity(error[None], condition.contacts[:, None]) / sigma_c[None, None]

@@ -29,9 +29,9 @@ def integrate(
     pose: Float[Array, " 3"], twists: Float[Array, "actions 3"], dt: float
 ) -> Float[Array, "actions 3"]:
     """Poses after each action of a sequence of body twists."""
-    moved = displacement(twists, dt)
-    after = pose[2] + jnp.cumsum(moved[:, 2])
-    place = pose[None, :2] + jnp.cumsum(rotate(after - moved[:, 2], moved[:, :2]), axis=0)
+    steps = displacement(twists, dt)
+    after = pose[2] + jnp.cumsum(steps[:, 2])
+    place = pose[None, :2] + jnp.cumsum(rotate(after - steps[:, 2], steps[:, :2]), axis=0)
     return jnp.concatenate([place, after[:, None]], axis=-1)
 
 

@@ -99,10 +99,10 @@ def safe_value(pose: Float[np.ndarray, " 3"], places: Float[np.ndarray, "robots 
     support = (before + beyond + math.hypot(before - beyond, EITHER_SIDE) - EITHER_SIDE) / 2
     plank = [Y_MAX - PLANK_BUFFER - y - side, y - side - PLANK_BUFFER - Y_MIN, support]
     at_x, at_y = places[:, 0], places[:, 1]
-    found = np.concatenate(
+    clearances = np.concatenate(
         [plank, GAP_LEFT - _ROOM - at_x, Y_MAX - _ROOM - at_y, at_y - _ROOM - Y_MIN]
     )
-    return _largest(-found / SAFE_SCALE, SAFE_SHARPNESS)
+    return _largest(-clearances / SAFE_SCALE, SAFE_SHARPNESS)
 
 
 def contact_map(points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, "components 3"]:

@@ -195,7 +195,7 @@ def look(value: Mapping[str, Any], moves: Moves) -> Looked:
     parts, whole = np.arange(len(twists)), judge(value, moves)
     step = value["dt"] / PARTS
     times = _Between(parts, 0.0 * parts, 0.0 * parts + step, whole.at(parts), whole.at(parts + 1))
-    found = [(np.array([-PARTS, *parts]), np.array([step, *times.end]), whole)]
+    samples = [(np.array([-PARTS, *parts]), np.array([step, *times.end]), whole)]
     while len(times.part):
         width = times.end - times.begin
         dip = width**2 * (turn * speed)[times.part] / 8
@@ -204,7 +204,7 @@ def look(value: Mapping[str, Any], moves: Moves) -> Looked:
         half = (begin + end) / 2
         there = moves[part] @ _exponential(lines[part] * half[:, None, None])
         motion = judge(value, there)
-        found.append((part, half, motion))
+        samples.append((part, half, motion))
         before, after = (leaf.at(np.flatnonzero(unsure)) for leaf in times[3:])
         times = _Between(
             np.concatenate([part, part]),
@@ -213,9 +213,9 @@ def look(value: Mapping[str, Any], moves: Moves) -> Looked:
             _joined([before, motion]),
             _joined([motion, after]),
         )
-    part, when = (np.concatenate(each) for each in tuple(zip(*found, strict=True))[:2])
+    part, when = (np.concatenate(each) for each in tuple(zip(*samples, strict=True))[:2])
     order = np.lexsort((when, part))
-    motion = _joined([each[2] for each in found]).at(order)
+    motion = _joined([each[2] for each in samples]).at(order)
     return Looked(motion, part[order] // PARTS + 1)
 
 
@@ -255,7 +255,7 @@ def _depth(value: Mapping[str, Any], moves: Moves) -> float:
         world.GAP_LEFT - corners[..., 0].min(-1), corners[..., 0].max(-1) - world.GAP_RIGHT
     )
     off = np.maximum(world.GAP_LEFT - robots[..., 0], robots[..., 0] - world.GAP_RIGHT)
-    found = (
+    clearances = (
         *(corners - low, high - corners, support - world.SUPPORT),
         *(
             robots - low - world.ROBOT_RADIUS,
@@ -263,16 +263,18 @@ def _depth(value: Mapping[str, Any], moves: Moves) -> float:
             off - world.ROBOT_RADIUS,
         ),
     )
-    return float(min(each.min() for each in found))
+    return float(min(each.min() for each in clearances))
 
 
 def _poses_differ(value: Mapping[str, Any], moves: Moves) -> str | None:
     poses = np.array(value["poses"], np.float64).reshape(-1, 3)
-    found = moves[::PARTS]
-    if len(poses) != len(found):
-        return f"there are {len(poses)} poses for {len(found) - 1} actions"
-    turned = np.stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])], -1)
-    away = np.abs(np.concatenate([found[:, :2, 2] - poses[:, :2], found[:, :2, 0] - turned], 1))
+    replayed = moves[::PARTS]
+    if len(poses) != len(replayed):
+        return f"there are {len(poses)} poses for {len(replayed) - 1} actions"
+    direction = np.stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])], -1)
+    away = np.abs(
+        np.concatenate([replayed[:, :2, 2] - poses[:, :2], replayed[:, :2, 0] - direction], 1)
+    )
     wrong = ~(away.max(-1) <= TOLERANCE)
     return f"pose {np.argmax(wrong)} is not where the twists lead" if wrong.any() else None
 
@@ -297,13 +299,13 @@ def _blamed(looked: Looked, reason: str) -> str | None:
         return "something fails that is not told" if worst < -TOLERANCE else None
     last = looked.action == (0 if blame["start"] else looked.action[-1])
     if blame["plank"]:
-        found = motion.plank if blame["plank"].startswith("leaves") else motion.support.max(-1)
+        clearance = motion.plank if blame["plank"].startswith("leaves") else motion.support.max(-1)
     else:
         robots = motion.wall if blame["how"].startswith("leaves") else motion.gap
         if not 1 <= int(blame["robot"]) <= robots.shape[1]:
             return f"there is no robot {blame['robot']}"
-        found = robots[:, int(blame["robot"]) - 1]
-    return f"it is not so that {reason}" if found[last].min() > TOLERANCE else None
+        clearance = robots[:, int(blame["robot"]) - 1]
+    return f"it is not so that {reason}" if clearance[last].min() > TOLERANCE else None
 
 
 def fastest_contact(value: Mapping[str, Any]) -> float:
@@ -344,12 +346,12 @@ def refutation(value: Mapping[str, Any]) -> str | None:
     wrong = _goes_on(looked)
     if wrong is not None:
         return wrong
-    done = bool(motion.bridges(-TOLERANCE)[-1] and motion.least.min() >= -TOLERANCE)
-    surely = bool(motion.bridges(TOLERANCE)[-1] and motion.least.min() >= TOLERANCE)
+    success_possible = bool(motion.bridges(-TOLERANCE)[-1] and motion.least.min() >= -TOLERANCE)
+    success_certain = bool(motion.bridges(TOLERANCE)[-1] and motion.least.min() >= TOLERANCE)
     success, reason = value["outcome"]["success"], value["outcome"]["reason"]
-    if success and not done:
+    if success and not success_possible:
         return "the plank does not bridge the gap unharmed"
-    if not success and surely:
+    if not success and success_certain:
         return "the plank bridges the gap unharmed"
     wrong = None if success else _blamed(looked, reason)
     return _certificate(value, motion) if wrong is None else wrong

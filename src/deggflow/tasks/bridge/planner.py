@@ -62,55 +62,55 @@ def _forbidden(
 
 def _reserve(
     roadmap: Roadmap,
-    taken: Bool[np.ndarray, "ticks moves"],
+    occupied: Bool[np.ndarray, "ticks moves"],
     way: Float[np.ndarray, "moments 2"],
     clearance: float,
 ) -> None:
     """Take out what meets a robot that drives its way and stays at the end of it."""
     tick, move = _forbidden(roadmap, way, clearance)
     end = tick + roadmap.ticks[move]
-    inside = end < len(taken)
-    taken[end[inside], move[inside]] = True
+    in_time = end < len(occupied)
+    occupied[end[in_time], move[in_time]] = True
     parked = move[tick == len(way) - 1]
     since = len(way) - 1 + roadmap.ticks[parked]
-    taken[:, parked] |= np.arange(len(taken))[:, None] >= since[None]
+    occupied[:, parked] |= np.arange(len(occupied))[:, None] >= since[None]
 
 
 def best_way(
-    roadmap: Roadmap, taken: Bool[np.ndarray, "ticks moves"], ends: tuple[int, int]
+    roadmap: Roadmap, occupied: Bool[np.ndarray, "ticks moves"], ends: tuple[int, int]
 ) -> TimedPath | None:
     """The way of least length plus `HASTE` times duration after which the robot can stay for good.
 
     Args:
         roadmap: Where robots drive.
-        taken: Moves that are not free, by the tick at which they end.
+        occupied: Moves that are not free, by the tick at which they end.
         ends: Points at which the way begins and ends.
     """
     start, goal = ends
-    passing = np.nonzero(taken[:, roadmap.wait[goal]])[0]
+    passing = np.nonzero(occupied[:, roadmap.wait[goal]])[0]
     settled = passing.max(initial=0)  # nobody comes by the goal later
-    if settled == len(taken) - 1:
+    if settled == len(occupied) - 1:
         return None
     pad = int(roadmap.ticks.max())  # rows before tick 0, so that nothing departs there
-    length = np.full((pad + len(taken), len(roadmap.points)), np.inf)
+    length = np.full((pad + len(occupied), len(roadmap.points)), np.inf)
     length[pad, start] = 0.0
     crow = float(np.linalg.norm(roadmap.points[goal] - roadmap.points[start]))
     best, arrival = np.inf, 0
-    for tick in range(1, len(taken)):
+    for tick in range(1, len(occupied)):
         through = length[pad + tick - roadmap.ticks, roadmap.tail] + roadmap.length
-        through[taken[tick]] = np.inf
+        through[occupied[tick]] = np.inf
         length[pad + tick] = np.minimum.reduceat(through, roadmap.first)
         value = length[pad + tick, goal] + HASTE * tick
         if tick >= settled and value < best:
             best, arrival = value, tick
         if crow + HASTE * tick >= best:
             break
-    return _trace(roadmap, taken, length[pad:], (goal, arrival)) if arrival else None
+    return _trace(roadmap, occupied, length[pad:], (goal, arrival)) if arrival else None
 
 
 def _trace(
     roadmap: Roadmap,
-    taken: Bool[np.ndarray, "ticks moves"],
+    occupied: Bool[np.ndarray, "ticks moves"],
     length: Float[np.ndarray, "ticks points"],
     end: tuple[int, int],
 ) -> TimedPath:
@@ -119,7 +119,7 @@ def _trace(
     ticks, points = [tick], [point]
     while tick > 0:
         into = np.arange(roadmap.first[point], roadmap.wait[point] + 1)
-        into = into[(roadmap.ticks[into] <= tick) & ~taken[tick, into]]
+        into = into[(roadmap.ticks[into] <= tick) & ~occupied[tick, into]]
         through = length[tick - roadmap.ticks[into], roadmap.tail[into]] + roadmap.length[into]
         move = into[np.argmin(through)]
         tick, point = tick - int(roadmap.ticks[move]), int(roadmap.tail[move])
@@ -139,10 +139,10 @@ def _in_order(
     standing = {i: _forbidden(roadmap, roadmap.points[[ends[i][0]]], clearance)[1] for i in order}
     ways: dict[int, TimedPath] = {}
     for place, robot in enumerate(order):
-        taken = reserved.copy()
+        occupied = reserved.copy()
         for later in order[place + 1 :]:
-            taken[:hold, standing[later]] = True
-        way = best_way(roadmap, taken, ends[robot])
+            occupied[:hold, standing[later]] = True
+        way = best_way(roadmap, occupied, ends[robot])
         if way is None:
             return ways, robot
         ways[robot] = way
@@ -169,17 +169,17 @@ def plan(roadmap: Roadmap, ends: list[tuple[int, int]], seed: int) -> tuple[list
         robot = int(np.argmin(np.isfinite(travel)))
         raise NoWayError(f"robot {robot + 1} has no way to its goal, even alone")
     rng = np.random.default_rng(seed)
-    order, tried = [int(i) for i in np.argsort(travel)], set()
+    order, attempts = [int(i) for i in np.argsort(travel)], set()
     for attempt in range(ATTEMPTS):
-        tried.add(tuple(order))
+        attempts.add(tuple(order))
         hold = HORIZON + 1 if attempt % 2 == 0 else int(rng.integers(10, 80))
-        ways, failed = _in_order(roadmap, ends, order, hold, clearance)
-        if failed < 0:
+        ways, blocked = _in_order(roadmap, ends, order, hold, clearance)
+        if blocked < 0:
             return [ways[i] for i in range(len(ends))], clearance
-        order = [failed, *(i for i in order if i != failed)]
-        if tuple(order) in tried:
+        order = [blocked, *(i for i in order if i != blocked)]
+        if tuple(order) in attempts:
             order = [int(i) for i in rng.permutation(len(ends))]
-    raise NoWayError(f"robot {failed + 1} finds no way past the others in {ATTEMPTS} orders")
+    raise NoWayError(f"robot {blocked + 1} finds no way past the others in {ATTEMPTS} orders")
 
 
 def _clearance(points: Float[np.ndarray, "ends robots 2"]) -> float:

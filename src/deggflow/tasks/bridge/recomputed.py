@@ -34,7 +34,7 @@ def q_task(poses: Poses) -> Float[np.ndarray, " poses"]:
     x, y, theta = poses.T
     reach, side, cos = _extents(theta)
     way = (world.PLANK_LENGTH / 2 - world.ROBOT_RADIUS - world.END_CLEARANCE) * cos
-    scaled = [
+    ratios = [
         (world.GAP_LEFT - (x - reach) - world.SUPPORT) / _WIDE,
         ((x + reach) - world.GAP_RIGHT - world.SUPPORT) / _WIDE,
         (world.GAP_LEFT - (x - way) - world.CORRIDOR) / _NARROW,
@@ -42,7 +42,7 @@ def q_task(poses: Poses) -> Float[np.ndarray, " poses"]:
         (world.Y_MAX - (y + side)) / _NARROW,
         ((y - side) - world.Y_MIN) / _NARROW,
     ]
-    return np.asarray(np.logaddexp.reduce(-_TASK * np.array(scaled), axis=0) / _TASK)
+    return np.asarray(np.logaddexp.reduce(-_TASK * np.array(ratios), axis=0) / _TASK)
 
 
 def q_safe(poses: Poses, contacts: Contacts) -> float:

@@ -45,9 +45,9 @@ def _contacts(robots: int, rng: np.random.Generator) -> Float[np.ndarray, "robot
 def _roomy(
     poses: Float[np.ndarray, "tries 3"], contacts: Float[np.ndarray, "robots 2"]
 ) -> np.ndarray:
-    found = margins(poses, contacts.tolist())
-    robots = np.minimum(found.wall.min(-1), found.gap.min(-1))
-    return (found.plank >= PLANK_SPARE) & (found.support >= 0) & (robots >= ROBOT_SPARE)
+    distances = margins(poses, contacts.tolist())
+    robots = np.minimum(distances.wall.min(-1), distances.gap.min(-1))
+    return (distances.plank >= PLANK_SPARE) & (distances.support >= 0) & (robots >= ROBOT_SPARE)
 
 
 def _first(good: np.ndarray, poses: Float[np.ndarray, "tries 3"]) -> tuple[float, float, float]:

@@ -93,9 +93,9 @@ class BridgeTask(AbstractTask[TrialCondition, Trial]):
         """As `scenes.random_conditions`."""
         return random_conditions(size, count, options.seed, first)
 
-    def other_condition(self, asked: TrialCondition, given: TrialCondition) -> Wrong | None:
+    def other_condition(self, expected: TrialCondition, actual: TrialCondition) -> Wrong | None:
         """As `consistency.other_condition`."""
-        return other_condition(asked, given)
+        return other_condition(expected, actual)
 
     def parse_result(self, value: Any) -> Trial:
         """As `formats.parse_trial`."""

@@ -74,13 +74,13 @@ class TrialCertificate:
 
 
 def _row(number: int, policy: PolicyRecord) -> tuple[str, ...]:
-    made = policy.generation
+    record = policy.generation
     on_the_way = ("-", "-", "-", "-")
-    if made is not None:
-        sine = "-" if made.least_opposed_sine is None else f"{made.least_opposed_sine:.2g}"
-        steps = f"{made.steps}, {made.refused_steps}, {made.forced_steps}"
-        hold = "yes" if made.hypotheses_hold else "no"
-        on_the_way = (hold, steps, sine, f"{made.largest_input_norm:.3g}")
+    if record is not None:
+        sine = "-" if record.least_opposed_sine is None else f"{record.least_opposed_sine:.2g}"
+        steps = f"{record.steps}, {record.refused_steps}, {record.forced_steps}"
+        hold = "yes" if record.hypotheses_hold else "no"
+        on_the_way = (hold, steps, sine, f"{record.largest_input_norm:.3g}")
     return (
         f"{number}" if policy.accepted else f"{number} (refused)",
         f"{policy.q_task:.4f}",

@@ -142,13 +142,13 @@ def on_the_way(
     passing = crossing_times(poses, twists, np.concatenate([_CENTRE, robots]), times)
     if passing.size:
         times = in_order(_REGULAR, np.concatenate([times, passing], axis=1))
-    found = margins(moved(poses[:, None], twists[:, None], times), contacts)
+    distances = margins(moved(poses[:, None], twists[:, None], times), contacts)
     out = []
-    for k, room in enumerate(found.least()):
+    for k, room in enumerate(distances.least()):
         broken = room < 0
         reason = None
         if broken.any():
-            reason = Margins(*(leaf[k] for leaf in found)).reason(int(np.argmax(broken)))
+            reason = Margins(*(leaf[k] for leaf in distances)).reason(int(np.argmax(broken)))
         out.append(Passage(float(room.min()), reason))
     return out
 
@@ -187,14 +187,14 @@ def execute(
     """Carries out actions until the plank bridges the gap, something fails, or they are used up."""
     twists = np.asarray(twists, np.float64).reshape(-1, 3)
     poses = integrate(pose, twists)
-    passed = on_the_way(poses[:-1], twists, contacts)
-    failing = np.array([each.reason is not None for each in passed], bool)
-    done = np.asarray(bridges(poses[1:]))
-    ends = np.flatnonzero(failing | done)
+    passages = on_the_way(poses[:-1], twists, contacts)
+    failing = np.array([each.reason is not None for each in passages], bool)
+    bridged = np.asarray(bridges(poses[1:]))
+    ends = np.flatnonzero(failing | bridged)
     actions = int(ends[0]) + 1 if len(ends) else len(twists)
     start = float(margins(poses[0], contacts).least())
-    least = min([start, *(each.margin for each in passed[:actions])])
+    least = min([start, *(each.margin for each in passages[:actions])])
     if not len(ends):
         return Verdict(poses, False, None, least)
-    reason = passed[actions - 1].reason
+    reason = passages[actions - 1].reason
     return Verdict(poses[: actions + 1], reason is None, reason, least)

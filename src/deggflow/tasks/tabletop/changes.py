@@ -90,8 +90,8 @@ def change(condition: SceneCondition, family: str, rng: np.random.Generator) -> 
         condition, family = replace(condition, balance=BALANCED), "changed"
     requirements = {}
     for name in condition.objects:
-        chosen = str(rng.choice(CHANGED)) if family == "changed" else family
-        requirements[name] = FAMILIES[chosen](rng, name)
+        kind = str(rng.choice(CHANGED)) if family == "changed" else family
+        requirements[name] = FAMILIES[kind](rng, name)
     return condition.with_requirements(requirements)
 
 
@@ -99,10 +99,10 @@ def random_objects(rng: np.random.Generator, size: int) -> tuple[str, ...]:
     """Object types, uniformly without replacement; of a large scene, in groups of eight, each drawn without replacement."""
     if size <= MAX_OBJECTS:
         return tuple(str(name) for name in rng.choice(NAMES, size, replace=False))
-    drawn = (
+    groups = (
         rng.choice(NAMES, LARGE_WINDOW, replace=False) for _ in range(-(-size // LARGE_WINDOW))
     )
-    return numbered([str(name) for part in drawn for name in part][:size])
+    return numbered([str(name) for part in groups for name in part][:size])
 
 
 def random_table(size: int) -> tuple[float, float]:

@@ -194,8 +194,8 @@ def to_arrays(conditions: Sequence[SceneCondition], agents: int | None = None) -
             access.add(s, i, access_rows(object_type(name)))
     half = np.array([[c.width, c.depth] for c in conditions], np.float32) / 2
     parts = (primitives.stack(), regions.stack(), access.stack())
-    stacked: Any = (mask, kind, *parts, half[:, 0], half[:, 1], mass, balance)
-    return TabletopCondition(*stacked)
+    leaves: Any = (mask, kind, *parts, half[:, 0], half[:, 1], mass, balance)
+    return TabletopCondition(*leaves)
 
 
 def take(condition: TabletopCondition, index: Any) -> TabletopCondition:

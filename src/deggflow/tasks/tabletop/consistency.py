@@ -49,46 +49,46 @@ def contradictions(line: Line) -> list[Wrong]:
     return list(_contradictions(line["certificate"], scene, verdict))
 
 
-def _contradictions(said: Line, scene: Scene, verdict: Verdict) -> Iterator[Wrong]:
+def _contradictions(certificate: Line, scene: Scene, verdict: Verdict) -> Iterator[Wrong]:
     true = holds(scene, verdict)
-    if said["satisfied"] != true:
+    if certificate["satisfied"] != true:
         text = "is true, but exact geometry finds that a requirement is missed"
         yield Wrong(
             "certificate.satisfied", text if not true else "is false, but all requirements hold"
         )
-    yield from consistency.check_claim(said, "certificate")
-    made = said.get("generation")
-    if said["reason"] is not None and not true:
-        expected = _reasons(scene, verdict, made)
-        if said["reason"] not in expected:
-            yield Wrong("certificate.reason", f"is not what is found: {shorten(expected[0], 300)}")
-    if not abs(said["min_margin"] - verdict.min_margin) <= TOLERANCE:
+    yield from consistency.check_claim(certificate, "certificate")
+    generation = certificate.get("generation")
+    if certificate["reason"] is not None and not true:
+        reasons = _reasons(scene, verdict, generation)
+        if certificate["reason"] not in reasons:
+            yield Wrong("certificate.reason", f"is not what is found: {shorten(reasons[0], 300)}")
+    if not abs(certificate["min_margin"] - verdict.min_margin) <= TOLERANCE:
         yield Wrong(
             "certificate.min_margin", f"is not the least margin, {verdict.min_margin:.9g} m"
         )
-    away = abs(_length(said["violation"]) - _length(verdict.violation))
-    if not away <= TOLERANCE or said["violation"] < 0:
+    away = abs(_length(certificate["violation"]) - _length(verdict.violation))
+    if not away <= TOLERANCE or certificate["violation"] < 0:
         yield Wrong("certificate.violation", f"is not V of the scene, {verdict.violation:.6g} m^2")
-    if made is not None:
+    if generation is not None:
         names = ["affordance", *(["balance"] if scene.condition.balance is not None else [])]
         field = "certificate.generation"
-        yield from consistency.check_generation(made, field, names, scene.condition.objects)
-        if said["reason"] != DIVERGED:
-            yield from _values(made, field, scene, verdict)
+        yield from consistency.check_generation(generation, field, names, scene.condition.objects)
+        if certificate["reason"] != DIVERGED:
+            yield from _values(generation, field, scene, verdict)
 
 
-def _reasons(scene: Scene, verdict: Verdict, made: Line | None) -> list[str]:
+def _reasons(scene: Scene, verdict: Verdict, generation: Line | None) -> list[str]:
     """What the reason may be: what exact geometry finds, and what happened on the way."""
-    found = verdict.reason(scene.condition.objects) or "Shapely finds a requirement missed"
-    if made is not None and made["first_failure"]:
-        found += f"; on the way {made['first_failure']}"
+    reason = verdict.reason(scene.condition.objects) or "Shapely finds a requirement missed"
+    if generation is not None and generation["first_failure"]:
+        reason += f"; on the way {generation['first_failure']}"
     beyond = [scene.condition.width, scene.condition.depth, 0.0]
-    return [found, *([DIVERGED] if (scene.poses == beyond).all() else [])]
+    return [reason, *([DIVERGED] if (scene.poses == beyond).all() else [])]
 
 
-def _values(made: Line, field: str, scene: Scene, verdict: Verdict) -> Iterator[Wrong]:
+def _values(generation: Line, field: str, scene: Scene, verdict: Verdict) -> Iterator[Wrong]:
     """The values at z(1) against those of the poses."""
-    for k, row in enumerate(made["requirements"]):
+    for k, row in enumerate(generation["requirements"]):
         place, value = f"{field}.requirements[{k}].value", row["value"]
         if row["name"] == "affordance":
             exact = _length(verdict.violation)
@@ -129,6 +129,6 @@ def _plain(condition: SceneCondition) -> Mapping[str, Any]:
     }
 
 
-def other_condition(asked: SceneCondition, given: SceneCondition) -> Wrong | None:
+def other_condition(expected: SceneCondition, actual: SceneCondition) -> Wrong | None:
     """The first thing in which a line's condition is not what was asked for."""
-    return consistency.first_difference(_plain(asked), _plain(given), "condition")
+    return consistency.first_difference(_plain(expected), _plain(actual), "condition")

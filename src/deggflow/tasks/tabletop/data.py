@@ -36,13 +36,17 @@ def _attempt(
 ) -> list[Candidate[Scene]]:
     arrays = to_arrays(conditions)
     index = np.resize(np.arange(len(conditions)), padded_batch(len(conditions)))
-    drawn = jax.vmap(lambda key: jax.random.fold_in(key, number))(keys)
-    z, _ = relaxed_scenes(drawn[index], take(arrays, index), recipe.clearance)
-    kept = [decode_exactly(state, c) for state, c in zip(np.asarray(z), conditions, strict=False)]
-    for poses in kept:
+    scene_keys = jax.vmap(lambda key: jax.random.fold_in(key, number))(keys)
+    z, _ = relaxed_scenes(scene_keys[index], take(arrays, index), recipe.clearance)
+    arrangements = [
+        decode_exactly(state, c) for state, c in zip(np.asarray(z), conditions, strict=False)
+    ]
+    for poses in arrangements:
         poses[:, 2] = np.asarray(wrap(jnp.asarray(poses[:, 2])))
     out = []
-    for condition, poses, verdict in zip(conditions, kept, judge(conditions, kept), strict=True):
+    for condition, poses, verdict in zip(
+        conditions, arrangements, judge(conditions, arrangements), strict=True
+    ):
         roomy = verdict.min_margin >= recipe.spare
         reason = None if roomy else f"less than {recipe.spare} m to spare"
         certificate = Certificate(roomy, verdict.min_margin, verdict.violation, 1, reason)
@@ -56,19 +60,19 @@ def make_scenes(size: int, first: int, count: int, recipe: SceneRecipe, seed: in
     conditions = random_conditions(size, count, "default", seed, first)
     root = jax.random.fold_in(jax.random.key(seed), size)
     keys = jax.vmap(lambda k: jax.random.fold_in(root, k))(np.arange(first, first + count))
-    drawn = redraw_until_satisfied(
+    candidates = redraw_until_satisfied(
         lambda index, number: _attempt(
             [conditions[k] for k in index], keys[np.asarray(index)], number, recipe, seed
         ),
         count,
         MAX_ATTEMPTS,
     )
-    if not all(each.satisfied for each in drawn):
+    if not all(each.satisfied for each in candidates):
         raise InputError(
             f"no arrangement of {size} objects with {recipe.spare} m to spare in {MAX_ATTEMPTS} "
             "attempts; ask for less clearance"
         )
-    return finished(drawn)
+    return finished(candidates)
 
 
 def load_dataset(path: StrPath) -> Dataset:

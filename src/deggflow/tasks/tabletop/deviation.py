@@ -125,9 +125,9 @@ def deviation_of_scenes(
         raise ValueError("`guided` must have the steps of `nominal`, else steps are compared, too.")
     size = len(conditions[0].objects)
     noise = initial_noise(seed, np.arange(len(conditions)), 0)
-    made = [each.batch(noise, conditions) for each in (nominal, guided)]
-    states = [each.z[:, :size] for each in made]
-    poses = [np.stack(each.poses) for each in made]
+    batches = [each.batch(noise, conditions) for each in (nominal, guided)]
+    states = [each.z[:, :size] for each in batches]
+    poses = [np.stack(each.poses) for each in batches]
     return SceneDeviation(
         measure(*(squared_distances(a, b) / size for a, b in _pairs(*states))),
         measure(*(scene_distances(a, b) for a, b in _pairs(*poses))),
@@ -147,16 +147,16 @@ def deviation_of_theorem(
     arrays = take(to_arrays([condition], size), 0)  # without padding, which would count
     guidance = guided.guidance_for(condition)
     coupled = couple(field, guidance, jnp.asarray(noise), arrays, grid=guided.grid)
-    found = growth(field, coupled, arrays)
+    rates = growth(field, coupled, arrays)
     ends = [np.asarray(path[:, -1]) for path in (coupled.nominal, coupled.guided)]
     poses = [np.stack([decode_exactly(z, condition) for z in end]) for end in ends]
     cross = squared_distances(*ends)
-    largest = np.max(np.asarray(found.lipschitz, np.float64), axis=0)
+    largest = np.max(np.asarray(rates.lipschitz, np.float64), axis=0)
     return TheoremDeviation(
         samples,
         w2=wasserstein(cross),
         paired=float(np.sqrt(np.mean(np.diag(cross)))),
-        log_bounds=bounds(coupled, found),
+        log_bounds=bounds(coupled, rates),
         integral=float(trapezoid(largest, np.asarray(coupled.tau, np.float64))),
         largest=float(np.max(largest)),
         decoder=decoder_lipschitz(lambda z: decode(z, arrays), coupled.nominal[0, -1]),

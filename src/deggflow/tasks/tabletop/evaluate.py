@@ -113,7 +113,7 @@ def evaluate(
     )
     claimed = [scene for scene in guided if scene.certificate.satisfied]
     records = [each.generation for each in first if each.generation is not None]
-    taken = np.array([each.steps + each.refused_steps + 1 for each in records])
+    evaluations = np.array([each.steps + each.refused_steps + 1 for each in records])
     hold = [
         each for each in first if each.generation is not None and each.generation.hypotheses_hold
     ]
@@ -131,9 +131,9 @@ def evaluate(
         hypotheses_hold=len(hold),
         contradicted=sum(not each.satisfied for each in hold),
         evaluations=(
-            float(np.median(taken)),
-            float(np.quantile(taken, 0.99)),
-            float(taken.max()),
+            float(np.median(evaluations)),
+            float(np.quantile(evaluations, 0.99)),
+            float(evaluations.max()),
         ),
         with_forced_steps=sum(each.forced_steps > 0 for each in records),
     )

@@ -70,8 +70,8 @@ def node_features(
     """Headings, room to the walls, kinds."""
     walls = [wall_margins(box, half_width, half_depth) for box in (body, access)]
     graded = [feature for margins in walls for margin in margins for feature in _graded(margin)]
-    known = jax.nn.one_hot(kind, MAX_OBJECTS)
-    return jnp.concatenate([jnp.stack([body.cos, body.sin, *graded], axis=-1), known], axis=-1)
+    kinds = jax.nn.one_hot(kind, MAX_OBJECTS)
+    return jnp.concatenate([jnp.stack([body.cos, body.sin, *graded], axis=-1), kinds], axis=-1)
 
 
 def scene_features(z: Float[Array, "agents 3"], condition: TabletopCondition) -> TeamFeatures:

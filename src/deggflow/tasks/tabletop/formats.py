@@ -67,31 +67,31 @@ def _objects(value: Any, field: str) -> tuple[str, ...]:
 
 def _affordance(value: Any, field: str) -> Affordance:
     keys = ("offset_scale", "radius_scale", "direction")
-    given = expect_object(value, field, keys)
+    entries = expect_object(value, field, keys)
     limits = dict.fromkeys(keys[:2], (MIN_SCALE, MAX_SCALE, ""))
     limits["direction"] = (-MAX_ANGLE, MAX_ANGLE, "rad")
     return Affordance(
-        **{key: expect_number(given[key], join(field, key), *limits[key]) for key in given}
+        **{key: expect_number(entries[key], join(field, key), *limits[key]) for key in entries}
     )
 
 
 def _balance(value: Any, field: str) -> Balance:
     limits = {"x": (-MAX_TABLE, MAX_TABLE), "y": (-MAX_TABLE, MAX_TABLE)}
     limits["radius"] = (MIN_RADIUS, MAX_TABLE)
-    given = expect_object(value, field, tuple(limits))
+    entries = expect_object(value, field, tuple(limits))
     return Balance(
-        **{key: expect_number(given[key], join(field, key), *limits[key], "m") for key in given}
+        **{key: expect_number(entries[key], join(field, key), *limits[key], "m") for key in entries}
     )
 
 
 def parse_condition(value: Any, field: str = "") -> SceneCondition:
     """A condition from its JSON object; raises `InputError` with the field."""
     keys = ("objects", "requirements", "table", "balance")
-    given = expect_object(value, field, keys, ("objects",))
-    objects = _objects(given["objects"], join(field, "objects"))
+    entries = expect_object(value, field, keys, ("objects",))
+    objects = _objects(entries["objects"], join(field, "objects"))
     place = join(field, "requirements")
     requirements: dict[str, Affordance] = {}
-    wishes = given.get("requirements", {})
+    wishes = entries.get("requirements", {})
     numbered = filter(is_object_name, wishes if isinstance(wishes, dict) else ())
     present = set(objects)
     for name, need in expect_object(wishes, place, (*NAMES, *numbered)).items():
@@ -99,17 +99,17 @@ def parse_condition(value: Any, field: str = "") -> SceneCondition:
             raise InputError(f"{name} is not among the objects", field=join(place, name))
         requirements[name] = _affordance(need, join(place, name))
     width, depth = TABLE_WIDTH, TABLE_DEPTH
-    if "table" in given:
+    if "table" in entries:
         place = join(field, "table")
-        table = expect_object(given["table"], place, ("width", "depth"), ("width", "depth"))
+        table = expect_object(entries["table"], place, ("width", "depth"), ("width", "depth"))
         width, depth = (
             expect_number(table[key], join(place, key), MIN_TABLE, MAX_TABLE, "m")
             for key in ("width", "depth")
         )
     balance = None
-    if "balance" in given:
-        balance = _balance(given["balance"], join(field, "balance"))
-    return SceneCondition(objects, requirements, width, depth, balance, given)
+    if "balance" in entries:
+        balance = _balance(entries["balance"], join(field, "balance"))
+    return SceneCondition(objects, requirements, width, depth, balance, entries)
 
 
 def read_conditions(path: StrPath) -> list[SceneCondition]:
@@ -120,9 +120,9 @@ def read_conditions(path: StrPath) -> list[SceneCondition]:
 def parse_scene(value: Any) -> Scene:
     """A scene from its JSON object; raises `InputError` with the field."""
     keys = ("condition", "objects", "certificate", "seed")
-    given = expect_object(value, "", keys, keys)
-    condition = parse_condition(given["condition"], "condition")
-    objects = given["objects"]
+    entries = expect_object(value, "", keys, keys)
+    condition = parse_condition(entries["condition"], "condition")
+    objects = entries["objects"]
     if not isinstance(objects, list) or len(objects) != len(condition.objects):
         raise InputError("must list the condition's objects, one pose each", field="objects")
     poses = []
@@ -137,8 +137,8 @@ def parse_scene(value: Any) -> Scene:
                 for key in ("x", "y", "theta")
             ]
         )
-    seed = expect_integer(given["seed"], "seed", 0, MAX_SEED)
-    certificate = parse_certificate(given["certificate"], "certificate")
+    seed = expect_integer(entries["seed"], "seed", 0, MAX_SEED)
+    certificate = parse_certificate(entries["certificate"], "certificate")
     return Scene(condition, np.array(poses), certificate, seed)
 
 

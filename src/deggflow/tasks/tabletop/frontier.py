@@ -112,21 +112,21 @@ def measure(field: Field, method: Method, hyperparameters: Hyperparameters, case
     """Runs one way on all cases; compiled before the clock starts."""
     way, count = method.make(hyperparameters), len(cases.conditions)
     _generate(field, way, cases, np.arange(min(CHUNK, count)), 0)
-    drawn = _until_satisfied(field, way, cases)
-    settled = np.array(drawn.finite)
-    margins = [v.min_margin for v, ok in zip(drawn.verdicts, drawn.finite, strict=True) if ok]
+    samples = _until_satisfied(field, way, cases)
+    settled = np.array(samples.finite)
+    margins = [v.min_margin for v, ok in zip(samples.verdicts, samples.finite, strict=True) if ok]
     return Point(
         method.name,
         dict(hyperparameters),
         cases.size,
         count,
-        satisfied=sum(v.satisfied for v in drawn.verdicts),
+        satisfied=sum(v.satisfied for v in samples.verdicts),
         diverged=count - int(settled.sum()),
         worst=max(0.0, -min(margins, default=0.0)),
-        deviation=_paired(drawn.z[settled], cases.nominal[settled]),
-        transport=_transport(drawn.z[settled], cases.nominal[settled]),
-        seconds=drawn.seconds / count,
-        draws=drawn.draws / count,
+        deviation=_paired(samples.z[settled], cases.nominal[settled]),
+        transport=_transport(samples.z[settled], cases.nominal[settled]),
+        seconds=samples.seconds / count,
+        draws=samples.draws / count,
     )
 
 
@@ -167,14 +167,14 @@ def _until_satisfied(field: Field, way: BaselineRun, cases: Cases) -> _Samples:
 
     def attempt(pending: Sequence[int], number: int) -> list[Candidate[_Sample]]:
         nonlocal seconds, draws
-        made = _generate(field, way, cases, np.asarray(pending), number)
-        seconds, draws = seconds + made.seconds, draws + made.draws
-        each = map(_Sample, made.z, made.verdicts, made.finite)
+        samples = _generate(field, way, cases, np.asarray(pending), number)
+        seconds, draws = seconds + samples.seconds, draws + samples.draws
+        each = map(_Sample, samples.z, samples.verdicts, samples.finite)
         # Of those that are refused the last one stays, as rejection sampling leaves it.
         return [Candidate(one, one.verdict.satisfied, float(number)) for one in each]
 
-    kept = redraw_until_satisfied(attempt, len(cases.conditions), way.draws)
-    z, verdicts, finite = zip(*(each.sample for each in kept), strict=True)
+    results = redraw_until_satisfied(attempt, len(cases.conditions), way.draws)
+    z, verdicts, finite = zip(*(each.sample for each in results), strict=True)
     return _Samples(np.stack(z), list(verdicts), list(finite), seconds, draws)
 
 
@@ -188,17 +188,17 @@ def _generate(
     parts, seconds = [], 0.0
     for start in range(0, len(numbers), CHUNK):
         count = min(CHUNK, len(numbers) - start)
-        filled = padded_batch(count)
-        index = start + np.resize(np.arange(count), filled)
-        given = jnp.asarray(noise[index]), take(arrays, index)
-        begun = time.perf_counter()
-        found = np.asarray(_program(field, way.guidance, *given, way.guard, way.pull))
-        seconds += (time.perf_counter() - begun) * count / filled
-        parts.append(found[:count])
+        padded = padded_batch(count)
+        index = start + np.resize(np.arange(count), padded)
+        inputs = jnp.asarray(noise[index]), take(arrays, index)
+        start_time = time.perf_counter()
+        states = np.asarray(_program(field, way.guidance, *inputs, way.guard, way.pull))
+        seconds += (time.perf_counter() - start_time) * count / padded
+        parts.append(states[:count])
     z = np.concatenate(parts)
     poses = [decode_exactly(state, c) for state, c in zip(z, conditions, strict=True)]
     settled = judge_generated(conditions, poses)
-    finite = [not gone for gone in settled.diverged]
+    finite = [not diverged for diverged in settled.diverged]
     return _Samples(z[:, : cases.size], settled.verdicts, finite, seconds, len(numbers))
 
 

@@ -124,9 +124,9 @@ def is_object_name(name: str) -> bool:
 
 def numbered(types: Iterable[str]) -> tuple[str, ...]:
     """Names of objects of the given types: the first of a type by its type alone, then "#2", "#3", ..."""
-    seen: Counter[str] = Counter()
+    count: Counter[str] = Counter()
     names = []
     for kind in types:
-        seen[kind] += 1
-        names.append(kind if seen[kind] == 1 else f"{kind}#{seen[kind]}")
+        count[kind] += 1
+        names.append(kind if count[kind] == 1 else f"{kind}#{count[kind]}")
     return tuple(names)

@@ -72,8 +72,8 @@ class TabletopGenerate(options.GenerateOptions):
 
     def settings(self) -> dict[str, Any]:
         """As of every task; a file of conditions has its own requirements."""
-        drawn = self.requirements if self.conditions is None else ""
-        return {**super().settings(), "requirements": drawn}
+        family = self.requirements if self.conditions is None else ""
+        return {**super().settings(), "requirements": family}
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,8 @@ Grown = tuple[BaseGeometry, float]  # a core and the radius it is grown by, m
 
 def _move(core: BaseGeometry, pose: Float[np.ndarray, " 3"]) -> BaseGeometry:
     x, y, theta = pose
-    turned = affinity.rotate(core, theta, origin=(0, 0), use_radians=True)
-    return affinity.translate(turned, x, y)
+    shape = affinity.rotate(core, theta, origin=(0, 0), use_radians=True)
+    return affinity.translate(shape, x, y)
 
 
 def _body(name: str) -> list[Grown]:
@@ -47,9 +47,9 @@ def _regions(condition: SceneCondition, name: str) -> list[Grown]:
     return out
 
 
-def _on_table(condition: SceneCondition, placed: Sequence[Grown]) -> float:
-    bounds = shapely.bounds([core for core, _ in placed])
-    radius = np.array([grown for _, grown in placed])
+def _on_table(condition: SceneCondition, shapes: Sequence[Grown]) -> float:
+    bounds = shapely.bounds([core for core, _ in shapes])
+    radius = np.array([grown for _, grown in shapes])
     half = np.array([condition.width, condition.depth]) / 2
     return float(np.min(half - np.abs(bounds.reshape(-1, 2, 2)).max(axis=1) - radius[:, None]))
 
@@ -61,12 +61,12 @@ def _least_gap(
     one = [(k, *shape) for k, row in enumerate(these) for shape in row]
     two = [(k, *shape) for k, row in enumerate(others) for shape in row]
     owner, core, radius = (np.array(column) for column in zip(*one, strict=True))
-    whose, body, grown = (np.array(column) for column in zip(*two, strict=True))
-    reach = radius + grown.max() + beyond
+    whose, body, thickness = (np.array(column) for column in zip(*two, strict=True))
+    reach = radius + thickness.max() + beyond
     first, second = shapely.STRtree(body).query(core, predicate="dwithin", distance=reach)
     apart = owner[first] != whose[second]
     first, second = first[apart], second[apart]
-    gap = shapely.distance(core[first], body[second]) - radius[first] - grown[second]
+    gap = shapely.distance(core[first], body[second]) - radius[first] - thickness[second]
     return float(np.min(gap, initial=np.inf))
 
 

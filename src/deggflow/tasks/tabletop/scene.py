@@ -41,9 +41,9 @@ class Scene:
         }
 
 
-def finished(drawn: Sequence[Drawn[Scene]]) -> list[Scene]:
+def finished(samples: Sequence[Drawn[Scene]]) -> list[Scene]:
     """Scenes whose certificates count their draws."""
-    return [with_draws(each.sample, each.draws) for each in drawn]
+    return [with_draws(each.sample, each.draws) for each in samples]
 
 
 def with_draws(scene: Scene, draws: int) -> Scene:

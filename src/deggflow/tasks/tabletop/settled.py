@@ -31,7 +31,7 @@ def judge_generated(conditions: Sequence[SceneCondition], poses: Sequence[Poses]
     """Judges scenes; one that diverged has no place on the table, and is judged where nothing fits."""
     diverged = [has_diverged(each, MAX_COORDINATE) for each in poses]
     settled = [
-        np.full_like(each, [condition.width, condition.depth, 0.0]) if gone else each
-        for each, condition, gone in zip(poses, conditions, diverged, strict=True)
+        np.full_like(each, [condition.width, condition.depth, 0.0]) if lost else each
+        for each, condition, lost in zip(poses, conditions, diverged, strict=True)
     ]
     return Settled(settled, judge(conditions, settled), diverged)

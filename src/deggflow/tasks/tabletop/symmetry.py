@@ -37,8 +37,8 @@ def random_symmetry(
     key: PRNGKeyArray, z: Float[Array, "agents 3"], condition: TabletopCondition
 ) -> Float[Array, "agents 3"]:
     """One of the four symmetries, drawn uniformly, applied to encoded data."""
-    mirrored, turned = jax.random.bernoulli(key, shape=(2,))
+    flip, turn = jax.random.bernoulli(key, shape=(2,))
     pose = decode(z, condition)
-    pose = jax.tree.map(lambda a, b: jnp.where(mirrored, a, b), mirror(pose, condition), pose)
-    pose = jax.tree.map(lambda a, b: jnp.where(turned, a, b), half_turn(pose), pose)
+    pose = jax.tree.map(lambda a, b: jnp.where(flip, a, b), mirror(pose, condition), pose)
+    pose = jax.tree.map(lambda a, b: jnp.where(turn, a, b), half_turn(pose), pose)
     return encode(pose, condition)

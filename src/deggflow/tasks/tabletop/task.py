@@ -77,9 +77,9 @@ class TabletopTask(AbstractTask[SceneCondition, Scene]):
         family = cast(TabletopGenerate, options).requirements
         return random_conditions(size, count, family, options.seed, first)
 
-    def other_condition(self, asked: SceneCondition, given: SceneCondition) -> Wrong | None:
+    def other_condition(self, expected: SceneCondition, actual: SceneCondition) -> Wrong | None:
         """As `consistency.other_condition`."""
-        return other_condition(asked, given)
+        return other_condition(expected, actual)
 
     def parse_result(self, value: Any) -> Scene:
         """As `formats.parse_scene`."""

@@ -120,15 +120,15 @@ def _collect(conditions: Sequence[SceneCondition], poses: Sequence[Poses]) -> _S
     corners, radius, scene, owner, region, place = [], [], [], [], [], []
     for s, (condition, pose) in enumerate(zip(conditions, poses, strict=True)):
         for i, name in enumerate(condition.objects):
-            for is_region, (shape, grown) in enumerate(
+            for is_region, (shape, thickness) in enumerate(
                 (_body_shapes(name), _region_shapes(condition, name))
             ):
                 corners.append(shape)
-                radius.append(grown)
-                scene += [s] * len(grown)
-                owner += [i] * len(grown)
-                region += list(range(len(grown))) if is_region else [-1] * len(grown)
-                place += [pose[i]] * len(grown)
+                radius.append(thickness)
+                scene += [s] * len(thickness)
+                owner += [i] * len(thickness)
+                region += list(range(len(thickness))) if is_region else [-1] * len(thickness)
+                place += [pose[i]] * len(thickness)
     x, y, theta = np.array(place, np.float64).T[..., None]
     local = np.concatenate(corners)
     cos, sin = np.cos(theta), np.sin(theta)
@@ -201,9 +201,9 @@ def _pairs(shapes: _Shapes, room: Float[np.ndarray, " shapes"]) -> _Indices:
             corners, radius = shapes.corners[begin:end], shapes.radius[begin:end]
             first, second = _near(corners, radius, beyond)
         later, apart = owner[first] < owner[second], owner[first] != owner[second]
-        wanted = is_body[second] & np.where(is_body[first], later, apart)
-        firsts.append(first[wanted] + begin)
-        seconds.append(second[wanted] + begin)
+        relevant = is_body[second] & np.where(is_body[first], later, apart)
+        firsts.append(first[relevant] + begin)
+        seconds.append(second[relevant] + begin)
     return np.concatenate(firsts), np.concatenate(seconds)
 
 
