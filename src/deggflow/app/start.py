@@ -1,4 +1,4 @@
-"""Where the `deggflow` command begins: Ctrl-C ends it in one line, from its first moment to its last."""
+"""Entry point of the `deggflow` command: at any moment Ctrl-C ends it with a one-line message."""
 
 import os
 import signal
@@ -9,9 +9,9 @@ SHOW_CURSOR = "\x1b[?25h"  # progress bars hide it
 
 
 def leave(*_: object) -> None:
-    """Handles SIGINT: says so, and ends the process at once.
+    """Handles SIGINT: prints a message and ends the process at once.
 
-    An exception would have to pass whatever runs at the moment. Callbacks of the garbage collector drop it, extensions
+    An exception would have to pass through the running code. Callbacks of the garbage collector drop it, extensions
     that are being loaded turn it into another one, and some native code crashes. Files survive this as they survive a
     kill: lines are flushed as they are finished, and everything else is replaced atomically.
     """
