@@ -1,1 +1,1 @@
-"""Tasks built on the core; a task knows nothing of another."""
+"""Tasks built on the core, independent of each other."""

@@ -1,8 +1,9 @@
-"""When within an action a margin may be least: then and only then are its poses looked at.
+"""Times within an action at which a margin can be least; only the poses at these times are evaluated.
 
-Under a constant body twist every point of the plank moves along a circle, or straight on. A coordinate of it rises or falls until the
-point's velocity is at right angles to that axis: these times are known exactly. Between two of them, and while neither the
-plank's sides pass an axis nor a point passes the middle of the gap, every margin is a monotone function of time, least at an end.
+Under a constant body twist every point of the plank moves along a circle or a straight line. Each of its coordinates is
+monotone until the point's velocity is perpendicular to that axis, and these times are known exactly. Between two such times, every margin
+is a monotone function of time, and thus least at one end, unless a side of the plank passes an axis or a point passes the
+middle of the gap.
 """
 
 import numpy as np
@@ -11,9 +12,9 @@ from jaxtyping import Bool, Float
 from .world import DT, GAP_LEFT, GAP_RIGHT
 
 MIDDLE = (GAP_LEFT + GAP_RIGHT) / 2  # m, as far from either ground
-_HALVINGS = 60  # of an action: below the resolution of float64
+_HALVINGS = 60  # of an action, down to less than the resolution of float64
 _QUARTER = np.pi / 2
-_STILL = 1e-12  # rad/s below which nothing turns by anything that float64 resolves
+_STILL = 1e-12  # rad/s below which rotations are not resolved by float64
 
 Poses = Float[np.ndarray, "... 3"]
 
@@ -43,7 +44,7 @@ def turning_times(
     twists: Float[np.ndarray, "actions 3"],
     points: Float[np.ndarray, "points 2"],
 ) -> Float[np.ndarray, "actions times"]:
-    """Times (s) at which a point's velocity, or a side of the plank, is along an axis of the world; `DT` where it is later.
+    """Times (s) at which a point's velocity, or a side of the plank, is parallel to an axis of the world; `DT` where that is later.
 
     Args:
         poses: At which the actions begin.
@@ -54,8 +55,8 @@ def turning_times(
     vx = twists[:, :1] - omega * points[:, 1]
     vy = twists[:, 1:2] + omega * points[:, 0]
     heading = np.concatenate([np.zeros_like(omega), np.arctan2(vy, vx)], axis=1) + poses[:, 2:]
-    first = np.mod(-np.sign(omega) * heading, _QUARTER)  # rad to go until the next axis
-    # After four axes the point has been where it is going.
+    first = np.mod(-np.sign(omega) * heading, _QUARTER)  # rad to the next axis
+    # After four axes the point repeats its circle.
     ahead = first[..., None] + _QUARTER * np.arange(4)
     rate = np.abs(omega)[..., None]
     times = ahead / np.where(rate < _STILL, np.nan, rate)
@@ -65,7 +66,7 @@ def turning_times(
 def in_order(
     regular: Float[np.ndarray, " parts"], others: Float[np.ndarray, "actions others"]
 ) -> Float[np.ndarray, "actions times"]:
-    """Times of every action in order, those that all have with those of its own; as few columns as hold them all."""
+    """Times of every action in ascending order: the common ones and its own, in as few columns as possible."""
     own = np.sort(others, axis=1)[:, : int(np.sum(others < DT, axis=1).max(initial=0))]
     same = np.broadcast_to(regular, (len(others), len(regular)))
     return np.sort(np.concatenate([same, own], axis=1), axis=1)
@@ -77,13 +78,13 @@ def crossing_times(
     points: Float[np.ndarray, "points 2"],
     times: Float[np.ndarray, "actions times"],
 ) -> Float[np.ndarray, "actions crossings"]:
-    """Times (s) at which a point passes the middle of the gap, found by halving; `DT` where there are no more.
+    """Times (s) at which a point passes the middle of the gap, found by bisection; the rest are `DT`.
 
     Args:
         poses: At which the actions begin.
         twists: Of the actions.
         points: In the plank's frame, m.
-        times: Between which every point's x rises or falls, 0 left out.
+        times: Between consecutive ones, starting from 0, every point's x is monotone.
     """
     if not _may_pass(poses, twists, points):
         return np.zeros((len(poses), 0))

@@ -1,4 +1,4 @@
-"""A complete process made from a trial: drive to the contact points, build the bridge, cross it."""
+"""The complete process of a trial: robots drive to the contact points, build the bridge and cross it."""
 
 from typing import NamedTuple
 
@@ -13,30 +13,32 @@ from .verdict import move
 from .world import DT
 
 _TICKS = round(DT / TICK)  # of an action
-_DRIVES = 4  # tells this use of a seed from others
+_DRIVES = 4  # distinguishes this use of a seed from others
 
 
 class Surroundings(NamedTuple):
-    """What a process has beside its trial; the same whatever the guidance."""
+    """What a process contains besides its trial, independent of the guidance."""
 
     drive: (
         Float[np.ndarray, "ticks robots 2"] | None
     )  # to the contact points, m; None if none is shown
     goals: Float[np.ndarray, "robots 2"]  # m
     seed: int  # of the crossing
-    lacking: str | None  # why no robot drives to its contact point, if one cannot
+    lacking: (
+        str | None
+    )  # why the robots do not drive to their contact points, if one of them cannot
 
 
 def surroundings(
     condition: TrialCondition, seed: int, number: int, *, drives: bool = True
 ) -> Surroundings:
-    """Random starts and goals of robots, and their way to the contact points.
+    """Random starts and goals of robots, and their paths to the contact points.
 
     Args:
         condition: Of the trial.
         seed: Of the trial.
-        number: Of the trial in its file; with the seed, decides everything.
-        drives: Whether robots drive at all, or only the building is shown.
+        number: Of the trial in its file; everything is determined by it and the seed.
+        drives: Whether robots drive to the contact points; otherwise the process begins with the building.
     """
     rng = np.random.default_rng([seed, number, _DRIVES])
     goals = random_goals(len(condition.contacts), rng)
@@ -62,7 +64,7 @@ def plank_ticks(trial: Trial) -> Float[np.ndarray, "ticks 3"]:
 
 
 def assemble(trial: Trial, around: Surroundings) -> Process:
-    """The process of a trial; if the trial failed, or a robot finds no way across, it ends there.
+    """The process of a trial. It ends early if the trial failed or a robot finds no path across.
 
     Args:
         trial: The building of the bridge.

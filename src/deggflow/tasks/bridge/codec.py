@@ -1,4 +1,4 @@
-"""Between generative states and motion policies: B-spline corrections of the continuation sequence.
+"""Conversion between generative states and motion policies: B-spline corrections of the continuation sequence.
 
 Source: paper, App. on Task 1 (representation).
 """
@@ -17,7 +17,7 @@ from .motion import contact_jacobian, contact_velocity
 from .world import COEFFICIENTS, EXECUTED, HORIZON
 
 DEGREE = 3
-BLENDED = 5  # first values of the continuation that lead over from the current motion
+BLENDED = 5  # first values of the continuation, which blend from the current motion
 
 
 @cache
@@ -41,7 +41,7 @@ def _weights(
 def team_shares(
     contacts: Float[Array, "agents 2"], mask: Bool[Array, " agents"]
 ) -> Float[Array, "agents 3 3"]:
-    """G^-1 M_i: how much each robot's coefficients count in the team's twist; they add up to I."""
+    """G^-1 M_i: weights of the robots' coefficients in the team's twist; they add up to I."""
     each, inverse = _weights(contacts, mask)
     return jnp.einsum("ij,njk->nik", inverse, each)
 
@@ -69,7 +69,7 @@ def team_twist(
     contacts: Float[Array, "agents 2"],
     mask: Bool[Array, " agents"],
 ) -> Float[Array, "steps 3"]:
-    """The body twists that fit given contact-point velocities best, in least squares through G."""
+    """The body twists that fit given contact-point velocities best, by least squares."""
     _, inverse = _weights(contacts, mask)
     pull = jnp.where(mask[:, None, None], contact_jacobian(contacts), 0.0)
     return jnp.einsum("ij,nkj,ntk->ti", inverse, pull, velocities)
@@ -78,7 +78,7 @@ def team_twist(
 def encode(
     velocities: Float[Array, "agents horizon 2"], condition: BridgeCondition, scales: Scales
 ) -> States:
-    """The generative state of a motion policy: least squares, the same coefficients for every robot.
+    """The generative state of a motion policy: least squares, with the same coefficients for every robot.
 
     Inverse of `decode` on policies whose difference from the continuation lies in the splines' span.
     """
@@ -98,7 +98,7 @@ def spline_coefficients(
 def continuation(
     previous: Float[Array, "... horizon 3"], current: Float[Array, "... 3"]
 ) -> Float[Array, "... horizon 3"]:
-    """What the previous policy has left: shifted by the executed actions, led over to from the current motion."""
+    """The remainder of the previous policy, shifted by the executed actions and blended from the current motion."""
     last = jnp.broadcast_to(previous[..., -1:, :], (*previous.shape[:-2], EXECUTED, 3))
     remainder = jnp.concatenate([previous[..., EXECUTED:, :], last], axis=-2)
     weight = jnp.minimum(jnp.arange(1, HORIZON + 1) / (BLENDED + 1), 1.0)

@@ -1,4 +1,4 @@
-"""What a policy is conditioned on, and the vectors lambda_i, pi_ij and c_i that the robots read.
+"""What a policy is conditioned on, and the vectors lambda_i, pi_ij and c_i that the robots observe.
 
 Source: paper, App. on Task 1 (representation, conditioning).
 """
@@ -43,7 +43,9 @@ class TrialCondition:
     plank: tuple[float, float, float]
     goal: tuple[float, float, float]
     contacts: tuple[tuple[float, float], ...]  # in the plank's frame
-    given: Mapping[str, Any] | None = field(default=None, compare=False)  # as it stood in a file
+    given: Mapping[str, Any] | None = field(
+        default=None, compare=False
+    )  # the JSON object it was read from
 
     def to_json(self) -> Mapping[str, Any]:
         """As it stands in a file."""
@@ -58,7 +60,7 @@ class TrialCondition:
 
 
 class Scales(NamedTuple):
-    """Statistics of the training set that the encoder, the conditions and the loss are scaled by."""
+    """Statistics of the training set by which the encoder, the conditions and the loss are scaled."""
 
     eta: tuple[float, ...] = (1.0,) * (3 * COEFFICIENTS)  # m/s, m/s, rad/s of each coefficient
     continuation_mean: tuple[float, ...] = (0.0,) * (2 * HORIZON)  # m/s
@@ -79,7 +81,7 @@ class BridgeCondition(NamedTuple):
 
 
 class Observation(NamedTuple):
-    """The condition chi as the robots read it; zero for absent robots."""
+    """The condition chi as the robots observe it; zero for absent robots."""
 
     own: Float[Array, "agents 23"]  # lambda_i
     other: Float[Array, "agents agents 8"]  # pi_ij, [robot i, robot j]
@@ -87,7 +89,7 @@ class Observation(NamedTuple):
 
 
 def to_arrays(conditions: Sequence[TrialCondition], agents: int) -> BridgeCondition:
-    """Conditions at the start of their trials, at rest, padded to `agents` robots (float32)."""
+    """Conditions at the start of their trials (at rest), padded to `agents` robots (float32)."""
     count = len(conditions)
     contacts = np.zeros((count, agents, 2), np.float32)
     mask = np.zeros((count, agents), bool)
@@ -106,18 +108,18 @@ def to_arrays(conditions: Sequence[TrialCondition], agents: int) -> BridgeCondit
 
 
 def padded_robots(robots: int) -> int:
-    """Number of robots that compiled programs are made for."""
+    """Number of robots to which compiled programs are padded."""
     return 6 if robots <= 6 else MAX_ROBOTS
 
 
 def centres(contacts: Float[Array, "agents 2"]) -> Float[Array, "agents 2"]:
-    """Robots' centres in the plank's frame (m): disks that touch their contact points from outside."""
+    """Robots' centres in the plank's frame (m): disks that touch the plank at the contact points from outside."""
     side = jnp.where(contacts[:, 1] < 0, -CENTRE_SIDE, CENTRE_SIDE)
     return jnp.stack([contacts[:, 0], side], -1)
 
 
 def _surroundings(plank: Float[Array, " 3"]) -> Float[Array, " 11"]:
-    """e_B: the plank's orientation, and where it is in the workspace."""
+    """e_B: the plank's orientation and its position in the workspace."""
     cos, sin = jnp.cos(plank[2]), jnp.sin(plank[2])
     edges_x = jnp.array([X_MIN, GAP_LEFT, GAP_RIGHT, ROBOT_GOALS_MIN, X_MAX])
     edges_y = jnp.array([Y_MIN, Y_MAX])
@@ -131,7 +133,7 @@ def _surroundings(plank: Float[Array, " 3"]) -> Float[Array, " 11"]:
 
 
 def _grounds(x: Float[Array, " agents"]) -> Float[Array, "agents 3"]:
-    """o_i: on the initial side's ground, on the plank, on the opposite side's ground."""
+    """o_i: whether the robot is on the initial side's ground, on the plank, or on the opposite side's ground."""
     left, right = x <= GAP_LEFT, x >= GAP_RIGHT
     return jnp.stack([left, ~(left | right), right], -1).astype(x.dtype)
 

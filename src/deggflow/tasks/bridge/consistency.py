@@ -1,4 +1,4 @@
-"""What a trial's line says against what its twists and poses show and against itself."""
+"""Compares the statements of a trial's line with its twists and poses and with each other."""
 
 import re
 from collections.abc import Iterator
@@ -17,9 +17,9 @@ from .recomputed import PROGRESS, q_safe, q_task, speed_violation, speeds
 from .world import EXECUTED
 
 TOLERANCE = (
-    1e-6  # of q_task, bound and q_safe, and m/s of speeds; as 1e-8 m of a pose may be rounding
+    1e-6  # of q_task, bound and q_safe, and of speeds in m/s, as poses may be rounded by 1e-8 m
 )
-SINGLE = 1e-4  # of 1 + |q|, and m/s: by which what a generation saw in float32 may be off
+SINGLE = 1e-4  # of 1 + |q|, and of speeds in m/s: tolerance for values that a generation computed in float32
 DIVERGED = 1e9  # stands for q_task and q_safe of a generation that diverged
 UNVERIFIED: Unverified = {
     "condition.goal": "except with --conditions",
@@ -45,7 +45,7 @@ _OVER = re.compile(r"not bridged after ([0-9]{1,6}) policies")
 
 
 class _Policy(NamedTuple):
-    """One policy of a trial, and what was executed of it."""
+    """One policy of a trial, and its executed part."""
 
     record: Line
     field: str
@@ -56,7 +56,7 @@ class _Policy(NamedTuple):
 
     @property
     def whole(self) -> bool:
-        """Whether all actions were executed that are to be executed of a policy."""
+        """Whether all actions that are to be executed were executed."""
         return bool(self.record["accepted"]) and len(self.twists) == EXECUTED
 
     @property
@@ -70,7 +70,7 @@ class _Policy(NamedTuple):
 
 
 def contradictions(line: Line) -> list[Wrong]:
-    """Everything a line that `parse_trial` accepts says that can't be so, besides what `oracle.refutation` finds.
+    """All contradictions in a line that `parse_trial` accepts, besides those that `oracle.refutation` finds.
 
     Args:
         line: A trial as it stands in a file.
@@ -160,7 +160,7 @@ def _sequence(line: Line, policies: list[_Policy]) -> Iterator[Wrong]:
 
 
 def _factors(policy: _Policy) -> Iterator[Wrong]:
-    """q_task, its bound, q_safe and speed of what was executed, from where the plank was."""
+    """q_task, its bound, q_safe and the speed of the executed actions, recomputed from the plank's poses."""
     record, field = policy.record, policy.field
     bound = float(q_task(policy.poses[:1])[0]) - PROGRESS
     if not _close(record["bound"], bound):
@@ -232,12 +232,12 @@ def _values(generation: Line, field: str, policy: _Policy) -> Iterator[Wrong]:
 
 
 def _length(violation: float) -> float:
-    """The norm in m/s of all that is missing of the buffers, of which V is half the square."""
+    """The norm in m/s of all shortfalls from the buffers; V is half its square."""
     return float(np.sqrt(2 * max(violation, 0.0)))
 
 
 def other_condition(expected: TrialCondition, actual: TrialCondition) -> Wrong | None:
-    """The first thing in which a line's condition is not what was asked for."""
+    """The first difference between a line's condition and the requested one."""
     one, other = (_plain(condition) for condition in (expected, actual))
     return consistency.first_difference(one, other, "condition")
 

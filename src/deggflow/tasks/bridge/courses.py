@@ -1,4 +1,4 @@
-"""Both factors along the generation of one policy: with the guidance, and without it from the same z(0)."""
+"""Both factors along the generation of one policy, with guidance and without it from the same z(0)."""
 
 from typing import Any, NamedTuple
 
@@ -23,7 +23,7 @@ class Course(NamedTuple):
     tau: Float[np.ndarray, " points"]
     value: Float[np.ndarray, "points 2"]
     bound: Float[np.ndarray, "points 2"]
-    hypotheses_hold: bool  # of the theorem, and no value was above its limit
+    hypotheses_hold: bool  # of the theorem; no value was above its limit
 
     def to_json(self) -> dict[str, Any]:
         """tau, q_task, beta_task, q_safe, beta_safe as lists, and whether the hypotheses hold."""
@@ -37,7 +37,7 @@ class Course(NamedTuple):
 def guided_course(
     policies: PolicyGenerator, noise: Float[np.ndarray, "agents dim"], condition: BridgeCondition
 ) -> Course:
-    """Of a guided generation; its end is taken in float64, as the verdict is.
+    """The course of a guided generation; the values at tau = 1 are those of the verdict, in float64.
 
     Args:
         policies: With the guidance.
@@ -68,7 +68,7 @@ def nominal_values(
 
     Args:
         policies: Without guidance.
-        guidance: Whose factors are evaluated; it doesn't act.
+        guidance: Its factors are evaluated; it is not applied.
         noise: z(0).
         condition: Of one trial; numpy arrays in float64.
     """
@@ -95,7 +95,7 @@ def _lead(condition: BridgeCondition) -> BridgeCondition:
 
 
 def _padded(condition: BridgeCondition) -> BridgeCondition:
-    """The condition with room for as many robots as there can be."""
+    """The condition, padded to the largest number of robots."""
     lacking = MAX_ROBOTS - len(condition.mask)
     contacts: Any = np.pad(condition.contacts, ((0, lacking), (0, 0)))
     mask: Any = np.pad(condition.mask, (0, lacking))

@@ -1,4 +1,4 @@
-"""Demonstrations of the bridge: made, written, read back as training windows."""
+"""Demonstrations of the bridge: their generation, their files, and training windows made from them."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -35,9 +35,9 @@ from .motion import contact_velocity
 from .verdict import integrate
 from .world import EXECUTED
 
-SHAKEN = 0.5  # share of windows whose continuation is disturbed
+SHAKEN = 0.5  # proportion of windows whose continuation is perturbed
 SHAKE = (0.06, 0.06, 0.05)  # m/s, m/s, rad/s, largest standard deviation of its spline coefficients
-_FEW = 1e-3  # least scale, where a statistic of the data vanishes
+_FEW = 1e-3  # least scale, used where a statistic of the data vanishes
 
 
 class Example(NamedTuple):
@@ -85,17 +85,17 @@ def read_demonstrations(path: StrPath) -> list[Demonstration]:
 
 
 def approaches(path: StrPath) -> dict[str, Rate]:
-    """How often each way to approach occurs among the demonstrations of a file."""
+    """How often each kind of approach occurs among the demonstrations of a file."""
     counts = Counter(f"{d.approach.side}, {d.approach.turn}" for d in read_demonstrations(path))
     ways = [f"{side}, {turn}" for side in SIDES for turn in TURNS]
     return {way: Rate(counts[way], counts.total()) for way in ways}
 
 
 def _perturbation(count: int, seed: int) -> Float[np.ndarray, "windows horizon 3"]:
-    """Smooth disturbances of continuations: the expert's plan stays, what it is told of the past is off.
+    """Smooth perturbations of continuations; the expert's plans are unchanged.
 
-    In closed loop the continuation is the field's own previous plan, errors included. Where the field only
-    saw flawless continuations it would copy them, errors included.
+    In closed loop, the continuation is the field's own previous plan with its errors. A field trained only on exact
+    continuations would copy these errors.
     """
     rng = np.random.default_rng([seed, 2])
     basis = spline_matrix()
@@ -167,10 +167,10 @@ def load_dataset(path: StrPath, scales: Scales | None, *, perturb: bool) -> tupl
     Args:
         path: File of demonstrations.
         scales: Of the training set; taken from this file if None.
-        perturb: Disturb the continuations.
+        perturb: Perturb the continuations.
 
     Raises:
-        InputError: The file is not as it should be.
+        InputError: The file is invalid.
     """
     demonstrations = read_demonstrations(path)
     agents = padded_robots(max(len(d.condition.contacts) for d in demonstrations))

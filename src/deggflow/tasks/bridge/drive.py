@@ -31,7 +31,7 @@ SWITCH = 0.05  # m that a disk is off the gap where robots join and leave the pl
 EDGE = 0.1  # m from disks at random starts and goals to the workspace's boundary and to the gap
 GOALS_APART = 0.25  # m between disks at random goals
 # m from disks at random starts to each other and to the plank, the first that has room; at 0.36 m another
-# robot fits between, so that nobody stands in anybody's way.
+# robot fits in between, so that no robot blocks another.
 STARTS_APART = (0.36, 0.15, 0.05)
 TRIES = 512  # random points drawn at once
 
@@ -45,11 +45,11 @@ def contact_centres(plank: Pose, contacts: Centres) -> Centres:
 
 
 def _beside_plank(plank: Pose) -> tuple[Lattice, Clear]:
-    """The left ground with the plank in the way; rows and columns run close along the plank."""
+    """The left ground with the plank as an obstacle; rows and columns are parallel to the plank."""
     clear = around_plank(plank)
     end = (PLANK_LENGTH - PLANK_WIDTH) / 2 + CENTRE_SIDE + BESIDE
     pitch = 2 * end / np.ceil(2 * end / PITCH)
-    # 2 (CENTRE_SIDE + BESIDE) is 7 PITCH: rows lie the same way on both sides.
+    # 2 (CENTRE_SIDE + BESIDE) is 7 PITCH: rows lie alike on both sides.
     columns, rows = lines(pitch, end), lines(PITCH, CENTRE_SIDE + BESIDE)
     return make_lattice(plank, columns, rows, clear), clear
 

@@ -1,7 +1,7 @@
-"""The manipulation stage as a PettingZoo parallel environment, so that other people's policies can be compared.
+"""The manipulation stage as a PettingZoo parallel environment, so that other policies can be compared.
 
 Robots move their contact points; the plank follows the body twist that fits all of them best. Motion is
-integrated exactly, and every action is judged by the exact predicates that judge deggflow's own trials.
+integrated exactly, and every action is judged by the same exact predicates as deggflow's own trials.
 """
 
 import logging
@@ -39,11 +39,11 @@ Draw = Callable[[Process], UInt8[np.ndarray, "height width 3"]]
 
 
 class RewardWeights(NamedTuple):
-    """What the robots share; q_task falls from about 14 at a typical start to 0 at the bridge."""
+    """Weights of the shared reward; q_task falls from about 14 at a typical start to 0 at the bridge."""
 
     progress: float = 1.0  # per unit by which an action lowers q_task
     success: float = 10.0  # when the plank bridges the gap
-    failure: float = 10.0  # taken off when something fails
+    failure: float = 10.0  # subtracted when something fails
 
 
 REWARD, UNSCALED = RewardWeights(), Scales()
@@ -65,12 +65,12 @@ class BridgeParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
     *Action* of a robot: velocity of its contact point in the plank's frame (m/s) during 0.2 s; what goes
     beyond the action space is clipped to it, and `infos` says so ("clipped").
 
-    *Observation* of a robot: the paper's vectors one after another, as `observation_parts` slices them:
+    *Observation* of a robot: the paper's vectors, concatenated as described by `observation_parts`:
     lambda_i (23), pi_ij of the other robots in the order of their numbers (8 each), c_i (45). The last 40
     entries of c_i are the contact point's velocities in the coming 20 actions as the previous plan left
-    them. Without a plan they continue the last action unchanged. A policy that plans several actions says
-    so by `set_plan`: then they are the rest of the plan, its last twist held, led over to from the last
-    action during 5 actions; after 4 executed actions, that is the paper's continuation sequence.
+    them. Without a plan, they repeat the last action. A policy that plans several actions passes its plan to
+    `set_plan`. They are then the rest of the plan (its last twist held), blended from the last action over 5
+    actions; after 4 executed actions, this is the paper's continuation sequence.
 
     *Reward*, the same for all: see `RewardWeights`. *Termination* of all: success, or the first failure.
     *Truncation* after `max_actions`.
@@ -108,7 +108,7 @@ class BridgeParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
             max_actions: After which a trial is truncated.
             reward: Its weights.
             render_mode: None or "rgb_array".
-            draw: Makes the picture of a trial so far, for "rgb_array".
+            draw: Function that draws the trial so far, for "rgb_array".
         """
         if not MIN_ROBOTS <= robots <= MAX_ROBOTS:
             raise ValueError(
@@ -150,14 +150,14 @@ class BridgeParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
         """Starts a trial.
 
         Args:
-            seed: Decides this and the following random trials; without one, they go on.
+            seed: Determines this and the following random trials; if None, the sequence continues.
             options: "condition": a `TrialCondition`, or an object as it stands in files of conditions;
-                a random trial without one. "plan": as `set_plan` takes it. PettingZoo demands that
-                other options be accepted; they are not read, and a log message says so.
+                a random trial without one. "plan": as `set_plan` takes it. As PettingZoo
+                requires, other options are accepted; they are ignored with a log message.
 
         Raises:
-            InputError: The condition is not as it should be, has another number of robots, or is of a
-                trial that is over before it begins.
+            InputError: The condition is invalid, has another number of robots, or its trial is over before it
+                begins.
         """
         if seed is not None:
             self._rng = np.random.default_rng(seed)
@@ -174,7 +174,7 @@ class BridgeParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
         """Executes one action of every robot.
 
         Raises:
-            ValueError: An action is missing, too many or not a velocity; nothing has moved then.
+            ValueError: An action is missing, superfluous or not a velocity; the state is unchanged.
             RuntimeError: No trial is under way.
         """
         trial = self._trial
@@ -201,10 +201,10 @@ class BridgeParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
         return out
 
     def set_plan(self, twists: Any) -> None:
-        """Says what the coming actions are planned to be, for the continuation in c_i; None: no plan.
+        """Sets the planned coming actions, for the continuation in c_i; None: no plan.
 
-        Robots do not follow the plan by themselves. It counts from the next action on, and shows in the
-        observations from there on, until it is set again or the trial is over.
+        Robots do not follow the plan by themselves. It starts with the next action and appears
+        in the observations until it is set again or the trial is over.
 
         Args:
             twists: Body twists [v_x, v_y, omega] of at least one action (m/s, m/s, rad/s).
@@ -217,7 +217,7 @@ class BridgeParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
         return dict(zip(self.possible_agents, velocities, strict=True))
 
     def policy_condition(self) -> BridgeCondition:
-        """What a policy of deggflow's generated now is conditioned on; numpy arrays in float64."""
+        """The condition of a deggflow policy generated now; numpy arrays in float64."""
         return self._trial.policy_condition()
 
     def state(self) -> Float[np.ndarray, " entries"]:
@@ -228,7 +228,7 @@ class BridgeParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
         return np.concatenate(parts).astype(np.float32)
 
     def process(self) -> Process:
-        """The trial so far, for pictures; the robots' goals beyond the gap are only there to be drawn."""
+        """The trial so far, for pictures; the robots' goals beyond the gap serve only for drawing."""
         return self._trial.process()
 
     def render(self) -> UInt8[np.ndarray, "height width 3"] | None:

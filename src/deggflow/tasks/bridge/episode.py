@@ -1,4 +1,4 @@
-"""A trial of other people's policies: robots pull, the plank moves, exact predicates judge, robots observe."""
+"""A trial under any policies: robots move the plank, exact predicates judge it, and robots observe."""
 
 from typing import Any
 
@@ -23,8 +23,8 @@ class Episode:
     """A rollout, what the robots plan, and what they observe.
 
     Attributes:
-        rollout: Where the plank is, what was executed, and what came of it.
-        q_task: At the present pose.
+        rollout: Poses of the plank, executed actions, and the outcome.
+        q_task: At the current pose.
     """
 
     def __init__(self, condition: TrialCondition, scales: Scales) -> None:
@@ -66,11 +66,11 @@ class Episode:
         return (self._of_contacts @ twist).reshape(-1, 2)
 
     def set_plan(self, twists: Float[np.ndarray, "steps 3"] | None) -> None:
-        """What the coming actions are planned to be, counted from the next one on."""
+        """Sets the planned actions, starting with the next one."""
         self._plan, self._planned_at = twists, len(self.rollout.twists)
 
     def ahead(self) -> Float[np.ndarray, "horizon 3"]:
-        """The continuation: the rest of the plan, led over to from the last action; without a plan, that action."""
+        """The continuation: the rest of the plan, blended from the last action; without a plan, the last action."""
         if self._plan is None:
             return np.tile(self.rollout.twist, (HORIZON, 1))
         elapsed = len(self.rollout.twists) - self._planned_at
@@ -78,11 +78,11 @@ class Episode:
         return self.rollout.twist + _BLEND * (rest - self.rollout.twist)
 
     def read(self) -> Float[np.ndarray, "robots entries"]:
-        """What each robot reads, in the order of `ObservationParts`."""
+        """Each robot's observation, in the order of `ObservationParts`."""
         return self._observations(self.rollout.pose, self.rollout.twist, self.ahead())
 
     def policy_condition(self) -> BridgeCondition:
-        """What a policy generated now is conditioned on; numpy arrays in float64."""
+        """The condition of a policy generated now; numpy arrays in float64."""
         contacts = np.array(self.rollout.condition.contacts, np.float64)
         goal, present = (
             np.array(self.rollout.condition.goal, np.float64),
@@ -99,7 +99,7 @@ class Episode:
         return BridgeCondition(*leaves)
 
     def process(self) -> Process:
-        """The trial so far, for pictures; the robots' goals beyond the gap are only there to be drawn."""
+        """The trial so far, for pictures; the robots' goals beyond the gap serve only for drawing."""
         twists = self.rollout.executed()
         between = sub_poses(
             np.array(self.rollout.poses[:-1]).reshape(-1, 3), twists, round(DT / TICK)

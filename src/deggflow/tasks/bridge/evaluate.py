@@ -36,13 +36,13 @@ SOURCES = ("demonstrations", "nominal", "guided")
 
 
 def failure_kind(reason: str) -> str:
-    """Which of `KINDS` a nominal trial's reason tells; "other" where the generation diverged."""
+    """The key of `KINDS` that a nominal trial's reason belongs to; "other" if the generation diverged."""
     return next((kind for kind, text in KINDS.items() if text in reason), "other")
 
 
 @dataclass(frozen=True)
 class PolicyCounts:
-    """Every policy of some trials, one by one."""
+    """Counts over all policies of some trials."""
 
     generated: int
     met_at_once: int  # first draws that end with both factors below their bounds
@@ -50,13 +50,13 @@ class PolicyCounts:
     most_draws: int
 
     def rate(self, count: int) -> Rate:
-        """A count as a share of the policies."""
+        """A count as a proportion of the policies."""
         return Rate(count, self.generated)
 
 
 @dataclass(frozen=True)
 class Evaluation(Row):
-    """One size of the team: counts out of `trials`."""
+    """Results for one team size: counts out of `trials`."""
 
     size: int
     trials: int
@@ -69,12 +69,12 @@ class Evaluation(Row):
     refuted: Sequence[str]  # outcomes that the replay refutes, of either
 
     def rate(self, count: int) -> Rate:
-        """A count as a share of the trials."""
+        """A count as a proportion of the trials."""
         return Rate(count, self.trials)
 
 
 def count_policies(trials: Sequence[Trial]) -> PolicyCounts:
-    """Every policy of some trials, and whether both factors end below their bounds."""
+    """Counts the policies of some trials whose factors both end below their bounds."""
     records = [record for trial in trials for record in trial.certificate.policies]
     successes = [record for record in records if record.met and record.accepted]
     return PolicyCounts(
@@ -117,30 +117,30 @@ def evaluate(field: BridgeField, size: int, count: int, seed: int, max_draws: in
 
 @dataclass(frozen=True)
 class Modes(Row):
-    """On which side planks pass from one symmetric start."""
+    """Sides on which planks pass from one symmetric start."""
 
     source: str
     trials: int
     bridged: int
-    left: int  # the plank's centre is farthest from the straight way at y > 0
-    low: float  # m, how far it gets from the straight way: 5th percentile,
+    left: int  # the plank's centre is farthest from the straight path at y > 0
+    low: float  # m, largest distance from the straight path: 5th percentile,
     median: float  # m, median,
     high: float  # m, and 95th percentile
 
     def rate(self, count: int) -> Rate:
-        """A count as a share of the trials."""
+        """A count as a proportion of the trials."""
         return Rate(count, self.trials)
 
 
 class Passes(NamedTuple):
-    """One way from the symmetric start."""
+    """One path from the symmetric start."""
 
     poses: Float[np.ndarray, "poses 3"]
     bridged: bool
 
 
 def demonstrated(count: int, seed: int) -> list[Passes]:
-    """Ways of the expert from the symmetric start."""
+    """Paths of the expert from the symmetric start."""
     rng = np.random.default_rng([seed, 3])
     ways: list[Passes] = []
     while len(ways) < count:
@@ -152,7 +152,7 @@ def demonstrated(count: int, seed: int) -> list[Passes]:
 
 
 def passes(field: BridgeField, source: str, count: int, seed: int, max_draws: int) -> list[Passes]:
-    """Ways from the symmetric start by one of `SOURCES`."""
+    """Paths from the symmetric start by one of `SOURCES`."""
     if source == "demonstrations":
         return demonstrated(count, seed)
     guidance = bridge_guidance(field.scales) if source == "guided" else None
@@ -162,7 +162,7 @@ def passes(field: BridgeField, source: str, count: int, seed: int, max_draws: in
 
 
 def count_modes(source: str, ways: Sequence[Passes]) -> Modes:
-    """Passes on either side, and how far out."""
+    """Counts the passes on either side, with their distances."""
     y = [way.poses[:, 1] for way in ways]
     farthest = np.array([each[np.argmax(np.abs(each))] for each in y])
     low, median, high = np.percentile(np.abs(farthest), [5, 50, 95]).tolist()

@@ -1,7 +1,7 @@
-"""Demonstrations: plans that pass left or right of the straight way and turn early or late.
+"""Demonstrations: plans that pass left or right of the straight path and turn early or late.
 
 A plan is a path of plank poses over progress p in [0, 1]; the expert follows it under speed limits, from
-rest to rest. What is kept bridges the gap and stays clear of every failure, by exact geometry.
+rest to rest. Demonstrations bridge the gap and keep a distance to every failure, by exact geometry.
 """
 
 from typing import Literal, NamedTuple
@@ -18,19 +18,19 @@ Side = Literal["left", "right"]  # seen from the start toward the gap: left is +
 Turn = Literal["early", "late"]
 SIDES: tuple[Side, ...] = ("left", "right")
 
-DETOUR = (0.35, 1.1)  # m, sideways at the middle of the way
-PACE = (0.6, 0.95)  # share of the speed limits that is used
+DETOUR = (0.35, 1.1)  # m, sideways at the middle of the path
+PACE = (0.6, 0.95)  # proportion of the speed limits that is used
 TURNS: dict[Turn, tuple[float, float]] = {"early": (0.0, 0.55), "late": (0.4, 0.95)}
 RAMP = 6  # actions over which the expert speeds up
-SETTLING = 1.2  # 1/s, how fast the rest of the way is covered near the goal
+SETTLING = 1.2  # 1/s, rate at which the remaining path is covered near the goal
 MAX_ACTIONS = 200
-ARRIVED = 0.005  # of the way
+ARRIVED = 0.005  # of the path
 SPARE = 0.05  # m, least distance to failure that a demonstration keeps
 ATTEMPTS = 12  # plans tried for one trial before another trial is drawn
 
 
 class Approach(NamedTuple):
-    """How a demonstration gets there."""
+    """How a demonstration approaches the goal."""
 
     side: Side
     turn: Turn
@@ -39,7 +39,7 @@ class Approach(NamedTuple):
 
 
 class Demonstration(NamedTuple):
-    """A trial solved by the expert: body twists up to rest at the goal, and when the gap is bridged."""
+    """A trial solved by the expert: body twists until rest at the goal, and the time at which the gap is bridged."""
 
     condition: TrialCondition
     approach: Approach
@@ -76,7 +76,7 @@ def _twist(
 
 
 def _fastest(twist: Float[np.ndarray, " 3"], r: Float[np.ndarray, "robots 2"]) -> float:
-    """By what factor a twist may be sped up until it meets the first limit."""
+    """The factor by which a twist can be scaled until it meets the first limit."""
     robots = np.hypot(twist[0] - r[:, 1] * twist[2], twist[1] + r[:, 0] * twist[2]).max()
     loads = (
         np.hypot(twist[0], twist[1]) / LINEAR_SPEED,
@@ -104,19 +104,19 @@ def follow(condition: TrialCondition, approach: Approach) -> Float[np.ndarray, "
 
 
 def random_approach(rng: np.random.Generator) -> Approach:
-    """Both sides and both ways to turn with equal chances."""
+    """A random approach: both sides and both turns have equal probabilities."""
     side: Side = "left" if rng.random() < 0.5 else "right"
     turn: Turn = "early" if rng.random() < 0.5 else "late"
     return Approach(side, turn, rng.uniform(*DETOUR), rng.uniform(*PACE))
 
 
 def demonstrate(condition: TrialCondition, approach: Approach) -> tuple[np.ndarray, int] | None:
-    """Twists and the number of actions until the gap is bridged; None unless all of it succeeds."""
+    """Twists and the number of actions until the gap is bridged; None unless the whole plan succeeds."""
     twists = follow(condition, approach)
     verdict = execute(np.array(condition.plank), twists, condition.contacts)
     if not verdict.bridged or verdict.margin < SPARE:
         return None
-    # What follows the bridging is part of the plans the field learns: it must be as safe.
+    # Motion after the bridging is part of the plans that the field learns, so it must be as safe.
     poses = integrate(np.array(condition.plank), twists)[verdict.actions :]
     if margins(poses, condition.contacts).least().min() < SPARE:
         return None
@@ -124,7 +124,7 @@ def demonstrate(condition: TrialCondition, approach: Approach) -> tuple[np.ndarr
 
 
 def random_demonstration(robots: int, seed: int, number: int) -> Demonstration:
-    """A random trial of a number of robots, solved; decided by seed and number alone."""
+    """A demonstration of a random trial, determined by seed and number alone."""
     rng = np.random.default_rng([seed, robots, number, 1])
     while True:
         condition = random_condition(robots, rng)

@@ -1,4 +1,4 @@
-"""The shared requirements of the team: q_task at the pose that is reached, q_safe on the way there.
+"""The shared requirements of the team: q_task at the final pose, q_safe along the motion.
 
 Source: paper, App. on Task 1 (task and safety factors).
 """
@@ -78,7 +78,7 @@ def safe_margins(
     x, y, theta = pose
     reach, side = _half_extents(theta)
     before, beyond = GAP_LEFT - x + reach - SUPPORT, x + reach - GAP_RIGHT - SUPPORT
-    # A smooth maximum that never exceeds the maximum: what it promises, one of the two supports keeps.
+    # A smooth maximum that never exceeds the maximum: where it is nonnegative, one of the two supports is.
     width = jnp.sqrt((before - beyond) ** 2 + EITHER_SIDE**2)
     support = (before + beyond + width - EITHER_SIDE) / 2
     plank = jnp.stack([Y_MAX - PLANK_BUFFER - y - side, y - side - PLANK_BUFFER - Y_MIN, support])

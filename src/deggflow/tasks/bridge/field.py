@@ -1,4 +1,4 @@
-"""The bridge's nominal vector field: the paper's network, with what doesn't change along tau computed once."""
+"""The bridge's nominal vector field: the paper's network; what does not change along tau is computed once."""
 
 from collections.abc import Callable, Mapping
 from importlib.resources import files
@@ -58,8 +58,8 @@ class BridgeField(eqx.Module):
     def under(self, condition: BridgeCondition) -> Velocity:
         """The field under one condition, a callable of the same form that ignores its own condition.
 
-        Linear layers are split at their inputs: what neither tau nor z enters is computed here, once. The
-        messages' second layer is linear, so it is applied to their mean, and merged with the layer after it.
+        Linear layers are split by their inputs; what depends on neither tau nor z is computed once, here. The
+        second layer of the messages is linear, so it is applied to their mean and merged with the next layer.
         """
         observation = observe(condition, self.scales)
         at = AGENT_DIM, AGENT_DIM + CONTACT_SIZE
@@ -111,7 +111,7 @@ def shipped_weights() -> Path:
 
 
 def _scales(value: Any) -> Scales:
-    """Statistics as a card gives them: finite, of the right number, and what is divided by positive."""
+    """Statistics from a card: finite, of the right number, and positive where they are divisors."""
     entries = expect_object(value, "scales", Scales._fields, Scales._fields)
     values = {}
     for name, default in Scales._field_defaults.items():

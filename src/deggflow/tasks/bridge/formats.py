@@ -1,4 +1,4 @@
-"""Bridge conditions and trials as JSON Lines: what is accepted, and what is refused and why."""
+"""Bridge conditions and trials as JSON Lines: parsing and validation."""
 
 import math
 from typing import Any
@@ -42,7 +42,7 @@ MAX_SEED = 2**31 - 1  # JAX's keys are made from 32-bit integers
 MAX_DRAWS = 10_000  # as `generate` allows
 _ANYWHERE = 1e6  # m and rad; a nominal trial may end far out
 _ANY = END_OF_SCALE  # of values of factors and margins
-_EDGE = 1e-6  # m by which what touches may miss or overlap, as it was written in decimals
+_EDGE = 1e-6  # m, tolerance for contacts, whose coordinates are rounded decimals
 
 
 def _pose(value: Any, field: str) -> tuple[float, float, float]:

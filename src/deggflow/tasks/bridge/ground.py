@@ -1,4 +1,4 @@
-"""Where one robot's centre may go straight from point to point: on the grounds, and over the bridge."""
+"""Straight moves that are free for one robot's centre: on the grounds, and over the bridge."""
 
 from collections.abc import Callable
 from itertools import product
@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 from . import world
 
 EXACT = 1e-9  # m, rounding
-SPARE = 0.02  # m kept from the plank by moves that neither begin nor end nearer to it
+SPARE = 0.02  # m, distance to the plank of moves that neither begin nor end closer to it
 
 HALF = np.array([world.PLANK_LENGTH, world.PLANK_WIDTH]) / 2  # m
 # Lower and upper corners of the grounds, for centres.
@@ -39,7 +39,7 @@ def seen_from(pose: Pose, points: Points) -> Points:
 def nearest_approach(
     before: Float[np.ndarray, "*shape 2"], after: Float[np.ndarray, "*shape 2"]
 ) -> Float[np.ndarray, "*shape"]:
-    """Least length that a vector has while it changes at a constant rate."""
+    """Least length of a vector that changes at a constant rate from a to b."""
     change = after - before
     rate = np.einsum("...i,...i->...", change, change)
     toward = -np.einsum("...i,...i->...", before, change)
@@ -68,7 +68,7 @@ def _meets_box(a: Points, b: Points, half: Points) -> Bool[np.ndarray, " points"
 
 
 def around_plank(plank: Pose) -> Clear:
-    """Straight moves on the left ground, where the plank lies in the way."""
+    """Straight moves on the left ground, with the plank as an obstacle."""
 
     def clear(start: Points, end: Points) -> Bool[np.ndarray, " points"]:
         nearer = np.minimum(plank_distance(plank, start), plank_distance(plank, end))

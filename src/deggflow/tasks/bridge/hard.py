@@ -1,4 +1,4 @@
-"""Policies from hard states: next to a wall or to the gap, on the move, before the bridge is built."""
+"""Policies from hard states: close to a wall or the gap, and in motion, before the bridge is built."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -29,14 +29,14 @@ from .world import (
     Y_MIN,
 )
 
-ROOM = 0.1  # m, either way of the buffers of the factors, within which hard states lie
+ROOM = 0.1  # m, largest distance of hard states to the factors' buffers, on either side
 SWAY = np.radians(35.0)  # rad, either way
 TRIES = 4096
-AT_REST = 0.25  # share of states in which the plank stands still
+AT_REST = 0.25  # proportion of states in which the plank is at rest
 
 
 def hard_start(robots: int, rng: np.random.Generator) -> Start:
-    """A state within `ROOM` of the factors' buffers, moving at up to the expert's speed limits, any way."""
+    """A state within `ROOM` of the factors' buffers, moving at up to the expert's speed limits in any direction."""
     condition = random_condition(robots, rng)
     low = [X_MIN, Y_MIN, -SWAY]
     high = [GAP_RIGHT - PLANK_LENGTH / 4, Y_MAX, SWAY]
@@ -53,7 +53,7 @@ def hard_start(robots: int, rng: np.random.Generator) -> Start:
     twist = np.array([speed * np.cos(direction), speed * np.sin(direction), 0.0])
     twist[2] = rng.uniform(-ANGULAR_SPEED, ANGULAR_SPEED)
     twist = twist * (rng.uniform() >= AT_REST)
-    # The previous policy was about to slow down over its horizon.
+    # The previous policy slows down over its horizon.
     previous = np.linspace(1.0, 0.0, HORIZON)[:, None] * twist
     return Start(replace(condition, plank=(x, y, theta)), twist, previous)
 
@@ -73,16 +73,16 @@ class HardPolicies(Row):
     size: int
     states: int
     met_at_once: int  # first draws with both factors below their bounds, in float64
-    accepted: int  # within the limit of draws, and nothing broken on the way
+    accepted: int  # within the limit of draws, and nothing violated along the motion
     missed: int  # accepted although a factor ends above its bound
-    refuted: int  # accepted although Shapely finds something broken on the way
+    refuted: int  # accepted although Shapely finds a violation along the motion
     hypotheses_hold: int  # accepted, and the hypotheses hold along the generation
     with_forced_steps: int  # accepted, with steps taken above a limit
-    blocked: Mapping[str, int]  # what is said where no draw was accepted, numbers left out
+    blocked: Mapping[str, int]  # reasons where no draw was accepted, without numbers
     excess: float  # largest by which a refused policy misses a bound
 
     def rate(self, count: int) -> Rate:
-        """A count as a share of the states."""
+        """A count as a proportion of the states."""
         return Rate(count, self.states)
 
 
@@ -122,7 +122,7 @@ def _kind(reason: str) -> str:
 
 
 def blocked_texts(rows: Sequence[HardPolicies]) -> list[str]:
-    """What is said of states without an accepted policy, and how often."""
+    """Reasons for states without an accepted policy, and their frequencies."""
     total: Counter[str] = Counter()
     for row in rows:
         total.update(row.blocked)

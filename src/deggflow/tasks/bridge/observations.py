@@ -1,6 +1,6 @@
-"""What the robots read and how good a pose is, in numpy: one moment at a time, nothing compiled.
+"""The robots' observations and the factors in NumPy, for one moment at a time and without compilation.
 
-The numbers are those of `condition.observe` and of `factors`; a test holds them together.
+The values are those of `condition.observe` and `factors`; a test compares them.
 """
 
 import math
@@ -46,7 +46,7 @@ _SPEEDS = np.array([LINEAR_SPEED, LINEAR_SPEED, ANGULAR_SPEED])
 
 
 class ObservationParts(NamedTuple):
-    """Where the paper's vectors stand in what a robot reads."""
+    """Positions of the paper's vectors in a robot's observation."""
 
     own: slice  # lambda_i, 23
     other: slice  # pi_ij of the other robots in the order of their numbers, 8 each
@@ -60,7 +60,7 @@ class ObservationParts(NamedTuple):
 
 
 def _soft_supports(theta: float) -> tuple[float, float, float]:
-    """|cos| of the angle, and how far the plank reaches along x and y (m), smoothed as in `factors`."""
+    """|cos| of the angle, and the plank's extent from its centre along x and y (m), smoothed as in `factors`."""
     cos, sin = math.hypot(math.cos(theta), EPSILON), math.hypot(math.sin(theta), EPSILON)
     along = (PLANK_LENGTH * cos + PLANK_WIDTH * sin) / 2
     return cos, along, (PLANK_LENGTH * sin + PLANK_WIDTH * cos) / 2
@@ -106,7 +106,7 @@ def safe_value(pose: Float[np.ndarray, " 3"], places: Float[np.ndarray, "robots 
 
 
 def contact_map(points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, "components 3"]:
-    """J_B of points in the plank's frame below each other: `contact_map(r) @ twist` are their velocities."""
+    """J_B of points in the plank's frame, stacked: `contact_map(r) @ twist` are their velocities."""
     out = np.zeros((len(points), 2, 3))
     out[:, 0, 0] = out[:, 1, 1] = 1.0
     out[:, 0, 2], out[:, 1, 2] = -points[:, 1], points[:, 0]
@@ -114,7 +114,7 @@ def contact_map(points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, "com
 
 
 class Observations:
-    """lambda_i, pi_ij and c_i of every robot of one trial; what stays the same is computed once."""
+    """lambda_i, pi_ij and c_i of every robot of one trial; constant parts are computed once."""
 
     def __init__(
         self,
@@ -131,7 +131,7 @@ class Observations:
             np.array(values).reshape(HORIZON, 2).T
             for values in (scales.continuation_mean, scales.continuation_std)
         )
-        # Standardised velocities ahead, all of x before all of y, are (map @ ahead - mean) / std.
+        # Standardised velocities of the continuation, x before y, are (map @ ahead - mean) / std.
         self._mean, self._std = mean, std
         self._parts = ObservationParts.of(robots)
         self._blank = np.zeros((robots, self._parts.contact.stop))
@@ -190,7 +190,7 @@ class Observations:
 
 
 def _surroundings(pose: Float[np.ndarray, " 3"]) -> list[float]:
-    """e_B: the plank's orientation, and where it is in the workspace."""
+    """e_B: the plank's orientation and its position in the workspace."""
     x, y, theta = pose.tolist()
     cos, sin = math.cos(theta), math.sin(theta)
     edges = (X_MIN, GAP_LEFT, GAP_RIGHT, ROBOT_GOALS_MIN, X_MAX)

@@ -1,4 +1,4 @@
-"""The bridge's options of every command. Knows nothing of JAX."""
+"""The bridge's options of every command. Does not import JAX."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,9 +1,9 @@
-"""A second opinion on trials: replayed by exponential series of matrices, judged by Shapely, from what a file holds.
+"""An independent check of trials: replayed by matrix exponential series and judged by Shapely, from the file alone.
 
-Between two poses a point's coordinate, whose second derivative is at most |omega| |v|, stays within h^2 |omega| |v| / 8 of
-what lies on the straight line between them. Where that could break something, the time between is halved until it can't.
+Between two poses, a point's coordinate, whose second derivative is at most |omega| |v|, stays within h^2 |omega| |v| / 8 of
+linear interpolation. Where a failure is possible within this distance, the interval is halved until it is excluded.
 
-Shares only the place's dimensions with the rest of the package.
+Shares only the dimensions in `world` with the rest of the package.
 """
 
 import re
@@ -24,8 +24,8 @@ PARTS = (
 TOLERANCE = 1e-8  # m, rounding of float64 arithmetic
 _FINER = 16  # times as many, where depths are measured
 TERMS = 40  # of the exponential series
-SAGITTA = 1e-3  # m by which a least margin may differ, as it is taken at other poses
-FLOOR = 1e-9  # m; what margins do between two poses that are as close is below rounding
+SAGITTA = 1e-3  # m, tolerance of least margins, which are taken at different poses
+FLOOR = 1e-9  # m; intervals in which margins vary by less are not halved, as this is below rounding
 
 _FAR = 1e3  # m, beyond everything
 # m, no point that counts is farther out
@@ -63,7 +63,7 @@ class Motion(NamedTuple):
 
     @property
     def least(self) -> Float[np.ndarray, " poses"]:
-        """Smallest distance to failure; once a robot or the plank is beyond, only its sign means anything."""
+        """Smallest distance to failure; once a robot or the plank is outside, only its sign is meaningful."""
         robots = np.minimum(self.wall.min(-1), self.gap.min(-1))
         return np.minimum(np.minimum(self.plank, self.support.max(-1)), robots)
 
@@ -76,7 +76,7 @@ class Motion(NamedTuple):
         return Motion(*(leaf[index] for leaf in self))
 
     def either(self) -> Float[np.ndarray, "poses margins 2"]:
-        """All that must not fail; one of the two has to hold, as on the left or on the right."""
+        """All conditions of safety; of each pair (left or right of the gap), one has to hold."""
         same = np.column_stack([self.plank, self.wall])
         both = np.repeat(same[..., None], 2, axis=-1)
         return np.concatenate([both, self.support[:, None], self.off], axis=1)
@@ -96,7 +96,7 @@ def _generators(twists: Float[np.ndarray, "actions 3"]) -> Moves:
 
 
 def _exponential(matrices: Moves) -> Moves:
-    """By its series, exact to rounding for entries up to 5 (100 m/s for an eighth of an action: 2.5)."""
+    """The exponential by its series, exact to rounding for entries up to 5 (100 m/s for an eighth of an action: 2.5)."""
     term = out = np.broadcast_to(np.eye(3), matrices.shape)
     for k in range(1, TERMS):
         term = np.einsum("mij,mjk->mik", term, matrices) / k
@@ -108,7 +108,7 @@ def replay(value: Mapping[str, Any]) -> Moves:
     """Homogeneous matrices of the plank's pose: the initial one, then `PARTS` of every action.
 
     Args:
-        value: A trial as it stands in a file; what it says of poses is not read.
+        value: A trial as it stands in a file; its poses are not read.
     """
     start = value["condition"]["plank"]
     x, y, cos, sin = start["x"], start["y"], np.cos(start["theta"]), np.sin(start["theta"])
@@ -121,7 +121,7 @@ def replay(value: Mapping[str, Any]) -> Moves:
 
 
 def _inside(shapes: np.ndarray) -> np.ndarray:
-    """Distance to the workspace's border; negative for what is not wholly inside."""
+    """Distance to the workspace's border; negative for shapes that are not entirely inside."""
     away = shapely.distance(shapes, _WORKSPACE.exterior)
     return np.where(shapely.covers(_WORKSPACE, shapes), away, np.minimum(-away, -2 * TOLERANCE))
 
@@ -143,7 +143,7 @@ def judge(value: Mapping[str, Any], moves: Moves) -> Motion:
     )
     return Motion(
         _inside(planks),
-        np.where(np.isnan(support), -_FAR, support),  # nothing of the plank is there
+        np.where(np.isnan(support), -_FAR, support),  # no part of the plank is on that ground
         np.column_stack([world.GAP_LEFT - reach[:, 0], reach[:, 2] - world.GAP_RIGHT])
         - world.CORRIDOR,
         _inside(robots) - world.ROBOT_RADIUS,
@@ -153,7 +153,7 @@ def judge(value: Mapping[str, Any], moves: Moves) -> Motion:
 
 
 class Looked(NamedTuple):
-    """A replay in order of time, closer where something may fail between two poses."""
+    """A replay in order of time, refined where a failure between two poses is possible."""
 
     motion: Motion
     action: Int[np.ndarray, " poses"]  # that leads to the pose, from 1; 0: the initial pose
@@ -165,7 +165,7 @@ class Looked(NamedTuple):
 
 
 class _Between(NamedTuple):
-    """Times between two poses: of which part, from when to when after it begins (s), and the margins then."""
+    """Intervals between two poses: the part, begin and end after its start (s), and the margins at both."""
 
     part: Int[np.ndarray, " times"]
     begin: Float[np.ndarray, " times"]
@@ -175,7 +175,7 @@ class _Between(NamedTuple):
 
 
 def _may_fail(times: _Between, dip: Float[np.ndarray, " times"]) -> Bool[np.ndarray, " times"]:
-    """Where something may fail that holds at both ends, a side of the gap being the same at both."""
+    """Intervals in which a condition that holds at both ends, on the same side of the gap, may fail."""
     before, after = times.before.either(), times.after.either()
     holds = np.minimum(before.max(-1), after.max(-1)) >= -TOLERANCE
     low = np.minimum(before, after).max(-1) - dip[:, None]
@@ -183,7 +183,7 @@ def _may_fail(times: _Between, dip: Float[np.ndarray, " times"]) -> Bool[np.ndar
 
 
 def look(value: Mapping[str, Any], moves: Moves) -> Looked:
-    """Margins of a replay at its poses and wherever else something may fail.
+    """Margins of a replay at its poses and at all times where a failure is possible.
 
     Args:
         value: A trial as it stands in a file.
@@ -224,9 +224,9 @@ def _joined(motions: Sequence[Motion]) -> Motion:
 
 
 def least_margin(value: Mapping[str, Any]) -> tuple[float, float]:
-    """Least distance to a failure of everything executed, negative by its depth, and by how much it may be off (m).
+    """Least distance to a failure over all executed actions, negative by the depth of a failure, and its error bound (m).
 
-    From where corners and centres come at 128 poses of every action, not from shapes: those have no depth.
+    Computed from corners and centres at 128 poses of every action, not from shapes, which have no depth.
 
     Args:
         value: A trial as it stands in a file.
@@ -280,7 +280,7 @@ def _poses_differ(value: Mapping[str, Any], moves: Moves) -> str | None:
 
 
 def _goes_on(looked: Looked) -> str | None:
-    """What should have ended the trial before its last action."""
+    """The event that should have ended the trial before its last action, if any."""
     motion, ends = looked.motion, looked.ends[:-1]
     for what, over in (
         ("the gap is bridged", motion.bridges(TOLERANCE)[ends]),
@@ -292,7 +292,7 @@ def _goes_on(looked: Looked) -> str | None:
 
 
 def _blamed(looked: Looked, reason: str) -> str | None:
-    """What is wrong with the reason that is given for a failure."""
+    """How the stated reason for a failure is wrong, if it is."""
     blame, motion = _BLAMED.fullmatch(reason), looked.motion
     worst = motion.least.min()
     if blame is None:
@@ -332,7 +332,7 @@ def _certificate(value: Mapping[str, Any], motion: Motion) -> str | None:
 
 
 def refutation(value: Mapping[str, Any]) -> str | None:
-    """The first thing that is not as a trial claims, or None.
+    """The first claim of a trial that is false, or None.
 
     Args:
         value: A trial as it stands in a file.

@@ -1,9 +1,9 @@
-"""Ways for many robots at once: prioritised planning in space and time (cooperative A*).
+"""Paths for many robots at once: prioritised planning in space and time (cooperative A*).
 
-One robot after the other gets its best way through what the earlier ones leave free, by dynamic
-programming over ticks: all points of the roadmap at once, so there is nothing to guess. Where a robot
-finds none, it goes first and all begins anew (Erdmann and Lozano-Pérez 1987; Silver 2005; the regard for
-robots that still stand at their starts: Čáp et al. 2015).
+Robots are planned one after another. Each gets its best path among the moves that earlier ones leave free, by dynamic
+programming over ticks for all points of the roadmap at once, without a heuristic. If a robot has no path, it becomes the
+first and planning starts again (Erdmann and Lozano-Pérez 1987; Silver 2005; avoiding robots that still stand at their
+starts: Čáp et al. 2015).
 """
 
 from typing import NamedTuple
@@ -19,17 +19,17 @@ from .roadmap import STRIDE, Roadmap
 from .world import ROBOT_RADIUS
 
 CLEARANCE = 2 * ROBOT_RADIUS + 0.02  # m, kept between the centres of two robots
-HORIZON = 500  # ticks in which everybody must arrive
+HORIZON = 500  # ticks within which all robots must arrive
 ATTEMPTS = 24  # orders tried
-HASTE = STRIDE / 2  # m of detour that are worth a tick
+HASTE = STRIDE / 2  # m of detour that count as much as one tick
 
 
 class NoWayError(ValueError):
-    """A robot finds no way; the message names it, counting from 1."""
+    """A robot finds no path; the message names it, counting from 1."""
 
 
 class TimedPath(NamedTuple):
-    """Where a robot is at some ticks, straight and at constant speed between them; then it stays."""
+    """Positions of a robot at some ticks; it drives straight at constant speed in between, and stays at the last one."""
 
     ticks: Int[np.ndarray, " knots"]  # the first is 0
     points: Float[np.ndarray, "knots 2"]
@@ -43,7 +43,7 @@ class TimedPath(NamedTuple):
 def _forbidden(
     roadmap: Roadmap, way: Float[np.ndarray, "ticks 2"], clearance: float
 ) -> tuple[Int[np.ndarray, " found"], Int[np.ndarray, " found"]]:
-    """Moves that come nearer than `clearance` to a robot on its way: ticks of departure, and moves."""
+    """Moves that come closer than `clearance` to a robot on its path: ticks of departure, and moves."""
     start = roadmap.points[roadmap.tail]
     step = (roadmap.points[roadmap.head] - start) / roadmap.ticks[:, None]
     reach = clearance + roadmap.length / 2 + roadmap.ticks * STRIDE
@@ -66,7 +66,7 @@ def _reserve(
     way: Float[np.ndarray, "moments 2"],
     clearance: float,
 ) -> None:
-    """Take out what meets a robot that drives its way and stays at the end of it."""
+    """Marks moves that meet a robot on its path or at the end of it, where it stays."""
     tick, move = _forbidden(roadmap, way, clearance)
     end = tick + roadmap.ticks[move]
     in_time = end < len(occupied)
@@ -79,16 +79,16 @@ def _reserve(
 def best_way(
     roadmap: Roadmap, occupied: Bool[np.ndarray, "ticks moves"], ends: tuple[int, int]
 ) -> TimedPath | None:
-    """The way of least length plus `HASTE` times duration after which the robot can stay for good.
+    """The path of least length plus `HASTE` times duration at whose end the robot can stay.
 
     Args:
         roadmap: Where robots drive.
         occupied: Moves that are not free, by the tick at which they end.
-        ends: Points at which the way begins and ends.
+        ends: Points at which the path begins and ends.
     """
     start, goal = ends
     passing = np.nonzero(occupied[:, roadmap.wait[goal]])[0]
-    settled = passing.max(initial=0)  # nobody comes by the goal later
+    settled = passing.max(initial=0)  # no robot passes the goal later
     if settled == len(occupied) - 1:
         return None
     pad = int(roadmap.ticks.max())  # rows before tick 0, so that nothing departs there
@@ -114,7 +114,7 @@ def _trace(
     length: Float[np.ndarray, "ticks points"],
     end: tuple[int, int],
 ) -> TimedPath:
-    """Back from the end along the moves that gave every point its length."""
+    """The path, traced back from its end along the moves that gave each point its length."""
     point, tick = end
     ticks, points = [tick], [point]
     while tick > 0:
@@ -131,9 +131,9 @@ def _trace(
 def _in_order(
     roadmap: Roadmap, ends: list[tuple[int, int]], order: list[int], hold: int, clearance: float
 ) -> tuple[dict[int, TimedPath], int]:
-    """Ways of the robots in this order, and the robot that finds none (-1: all found one).
+    """Paths of the robots in this order, and the robot that has none (-1: all have one).
 
-    Robots keep off the starts of those that come later in the order before tick `hold`.
+    Before tick `hold`, robots avoid the starts of those that come later in the order.
     """
     reserved = np.zeros((HORIZON + 1, len(roadmap.tail)), bool)
     standing = {i: _forbidden(roadmap, roadmap.points[[ends[i][0]]], clearance)[1] for i in order}
@@ -151,15 +151,15 @@ def _in_order(
 
 
 def plan(roadmap: Roadmap, ends: list[tuple[int, int]], seed: int) -> tuple[list[TimedPath], float]:
-    """Ways on which no two robots come nearer than `CLEARANCE`, or the distance that they keep instead.
+    """Paths on which no two robots come closer than a clearance, and the clearance: `CLEARANCE` or less.
 
     Args:
         roadmap: Where robots drive.
         ends: Points at which each robot begins and ends.
-        seed: Of the orders that are tried when the first ones fail.
+        seed: Of the random orders that are tried when the first ones fail.
 
     Raises:
-        NoWayError: A robot cannot get to its goal, or no order tried lets all of them.
+        NoWayError: A robot cannot reach its goal, or no order was found in which all of them can.
     """
     clearance = _clearance(roadmap.points[np.array(ends).T])
     graph = csr_array((roadmap.length + 1e-12, (roadmap.tail, roadmap.head)))

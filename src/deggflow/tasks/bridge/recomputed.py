@@ -1,6 +1,6 @@
-"""What a policy's record says, recomputed in NumPy from poses and twists (paper, App. on Task 1): factors and speeds.
+"""Factors and speeds of a policy's record, recomputed in NumPy from poses and twists (paper, App. on Task 1).
 
-Shares only the place's dimensions with the factors that guide and judge the generation.
+Shares only the dimensions in `world` with the factors that guide and judge the generation.
 """
 
 import numpy as np
@@ -22,7 +22,7 @@ Contacts = Float[np.ndarray, "robots 2"]
 
 
 def _extents(theta: Float[np.ndarray, "*_"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """How far the plank reaches from its centre along x and y (m), and the rounded |cos|."""
+    """The plank's extent from its centre along x and y (m), and the smoothed |cos|."""
     cos = np.hypot(np.cos(theta), _ROUNDED)
     sin = np.hypot(np.sin(theta), _ROUNDED)
     along, across = world.PLANK_LENGTH / 2, world.PLANK_WIDTH / 2
@@ -46,7 +46,7 @@ def q_task(poses: Poses) -> Float[np.ndarray, " poses"]:
 
 
 def q_safe(poses: Poses, contacts: Contacts) -> float:
-    """The safety factor of a way along these poses; of more poses it is never less."""
+    """The safety factor of a path along these poses; additional poses never lower it."""
     x, y, theta = poses.T
     reach, side, _ = _extents(theta)
     left = world.GAP_LEFT - (x - reach) - world.SUPPORT
@@ -72,6 +72,6 @@ def speeds(twists: Twists, contacts: Contacts) -> Float[np.ndarray, "actions rob
 
 
 def speed_violation(twists: Twists, contacts: Contacts, limit: float) -> float:
-    """V of a private speed limit (m/s) on the contact points: hinges of each action and robot, squared and halved."""
+    """V of a private speed limit (m/s) on the contact points: half the sum of squared hinges of each action and robot."""
     room = (limit**2 - speeds(twists, contacts) ** 2) / (2 * limit)
     return float(np.sum(np.maximum(_HINGE - room, 0.0) ** 2) / 2)

@@ -22,7 +22,7 @@ _FAILURES = {
 
 
 class SuccessEvaluation(AbstractEvaluation[Evaluation]):
-    """Nominal beside guided for each size."""
+    """Nominal and guided trials of each size."""
 
     row = Evaluation
 
@@ -39,7 +39,7 @@ class SuccessEvaluation(AbstractEvaluation[Evaluation]):
         return lambda: evaluate(self.field, size, options.trials, options.seed, options.max_draws)
 
     def tables(self, rows: Sequence[Evaluation]) -> list[Table | str]:
-        """Success, failures of nominal trials, policies, and what was blocked or refuted."""
+        """Success, failures of nominal trials, policies, and blocked or refuted trials."""
         texts = {
             "Guided trials that do not bridge the gap:": [t for row in rows for t in row.blocked],
             "Outcomes that the replay refutes:": [t for row in rows for t in row.refuted],
@@ -134,7 +134,7 @@ class HardEvaluation(AbstractEvaluation[HardPolicies]):
         )
 
     def tables(self, rows: Sequence[HardPolicies]) -> list[Table | str]:
-        """What became of the policies, and why the others were refused."""
+        """Outcomes of the policies, and the reasons of refusals."""
         options = self.options
         table = Table(
             f"Bridge: guided policies from hard states, {options.hard} per row, seed {options.seed}, 95% Wilson intervals",
@@ -182,7 +182,7 @@ class ModesEvaluation(AbstractEvaluation[Modes]):
         self.options = options
         self.settings = {**settings, "modes": options.modes}
         self.jobs = [self._job(source) for source in SOURCES]
-        # A figure draws what the rows count.
+        # A figure shows the trials that the rows count.
         self.paths: Callable[[str], list[Passes]] = cache(
             lambda source: passes(field, source, options.modes, options.seed, options.max_draws)
         )
@@ -191,7 +191,7 @@ class ModesEvaluation(AbstractEvaluation[Modes]):
         return lambda: count_modes(source, self.paths(source))
 
     def tables(self, rows: Sequence[Modes]) -> list[Table]:
-        """Sides, and how far out."""
+        """Sides, and distances."""
         options = self.options
         return [
             Table(
@@ -221,19 +221,19 @@ class ModesEvaluation(AbstractEvaluation[Modes]):
         ]
 
     def complete(self, rows: Sequence[Modes]) -> bool:
-        """Always: it is counted, nothing is promised."""
+        """Always true: the counts make no promise."""
         return True
 
 
 def evaluation_of(
     field: BridgeField, options: BridgeEvaluate, weights: str | None
 ) -> SuccessEvaluation | HardEvaluation | ModesEvaluation:
-    """What the options ask for.
+    """The evaluation that the options select.
 
     Args:
         field: Nominal field.
         options: Of `evaluate`.
-        weights: What tells the field from others; None for the shipped one.
+        weights: Identifies the field; None for the shipped one.
     """
     settings = options.settings("bridge", weights)
     if options.hard:

@@ -1,4 +1,4 @@
-"""The bridge's guidance: what the executed actions must keep.
+"""The bridge's guidance: requirements on the executed actions.
 
 q_task and q_safe are shared by all robots; a speed limit is each robot's own.
 """
@@ -26,9 +26,7 @@ from .world import DT, EXECUTED
 
 PROGRESS = 0.05  # by which a policy must lower q_task
 LEAST_START = 0.02  # the task's bound starts at least this much above its end
-RECOVERY = (
-    40.0  # gain above a bound: what one step of 1/50 lands above it, the next takes back by 4/5
-)
+RECOVERY = 40.0  # gain above a bound: a step of 1/50 reduces an excess by 4/5
 
 
 class TaskValue(eqx.Module):
@@ -55,7 +53,7 @@ class SafeValue(eqx.Module):
 
 
 def task_end(condition: BridgeCondition) -> Scalar:
-    """beta_task(1): the present value of q_task less the progress asked for."""
+    """beta_task(1): the current value of q_task less the required progress."""
     return task_factor(condition.plank) - PROGRESS
 
 

@@ -12,13 +12,13 @@ from .ground import Clear, Points, Pose, placed
 from .process import TICK
 from .world import ROBOT_SPEED, X_MAX, X_MIN, Y_MAX, Y_MIN
 
-STRIDE = ROBOT_SPEED * TICK  # m, longest way of a robot in one tick
+STRIDE = ROBOT_SPEED * TICK  # m, longest path of a robot in one tick
 PITCH = 0.17  # m, spacing of lattices: two ticks along them, three across
 LINK = 0.55  # m, longest move between a lattice and a start or goal
 
 
 class Lattice(NamedTuple):
-    """Points where a robot may be, and the straight moves between neighbours, each named once."""
+    """Points where a robot can be, and straight moves between neighbours, each listed once."""
 
     points: Float[np.ndarray, "points 2"]
     one: Int[np.ndarray, " pairs"]
@@ -40,7 +40,7 @@ class Roadmap(NamedTuple):
 
 
 def lines(pitch: float, offset: float) -> Float[np.ndarray, " lines"]:
-    """Offset + k pitch, as far as the workspace reaches from any point of it."""
+    """Offset + k pitch, as far as the workspace can reach from any of its points."""
     count = int(np.hypot(X_MAX - X_MIN, Y_MAX - Y_MIN) / pitch) + 1
     return offset + pitch * np.arange(-count, count + 1)
 
@@ -48,7 +48,7 @@ def lines(pitch: float, offset: float) -> Float[np.ndarray, " lines"]:
 def make_lattice(
     pose: Pose, x: Float[np.ndarray, " columns"], y: Float[np.ndarray, " rows"], clear: Clear
 ) -> Lattice:
-    """The clear part of the lattice of columns and rows in the frame at a pose; with diagonals."""
+    """The free part of the lattice of columns and rows in the frame at a pose, with diagonals."""
     points = placed(pose, np.stack(np.meshgrid(x, y, indexing="ij"), -1).reshape(-1, 2))
     free = clear(points, points)
     number = np.where(free, np.cumsum(free) - 1, -1).reshape(len(x), len(y))

@@ -1,4 +1,4 @@
-"""A trial carried out action by action: where the plank is, what was executed, and what came of it."""
+"""A trial executed action by action: poses of the plank, executed actions, and the outcome."""
 
 import numpy as np
 from jaxtyping import Float
@@ -10,14 +10,14 @@ STARTS_BROKEN = "at the start "
 
 
 class Rollout:
-    """A trial under way.
+    """A trial in progress.
 
     Attributes:
         condition: Of the trial.
         poses: Of the plank, the initial one and one after each action (m, m, rad).
         twists: Executed body twists (m/s, m/s, rad/s).
         bridged: Whether the plank bridges the gap.
-        failure: What is broken, or why the team stopped; None if nothing is.
+        failure: The first failure, or why the team stopped; None otherwise.
     """
 
     def __init__(
@@ -35,12 +35,12 @@ class Rollout:
 
     @property
     def pose(self) -> Float[np.ndarray, " 3"]:
-        """The plank's present pose."""
+        """The plank's current pose."""
         return self.poses[-1]
 
     @property
     def twist(self) -> Float[np.ndarray, " 3"]:
-        """The plank's present twist: that of the last action."""
+        """The plank's current twist: that of the last action."""
         return self.twists[-1] if self.twists else self._first_twist
 
     @property
@@ -53,11 +53,11 @@ class Rollout:
         return np.array(self.twists).reshape(-1, 3)
 
     def carry_out(self, twists: Float[np.ndarray, "actions 3"], verdict: Verdict) -> None:
-        """Executes actions up to where their verdict, by `execute` from the present pose, ends them."""
+        """Executes actions until the verdict by `execute` from the current pose ends them."""
         self.twists += list(twists[: verdict.actions])
         self.poses += list(verdict.poses[1:])
         self.bridged, self.failure = verdict.bridged, verdict.reason
 
     def stop(self, reason: str) -> None:
-        """The team stops where it stands."""
+        """The team stops at its current pose."""
         self.failure = reason

@@ -1,4 +1,4 @@
-"""Random trials: where plank, goal and contact points lie (paper, App. on Task 1; by rejection)."""
+"""Random trials: plank, goal and contact points, by rejection sampling (paper, App. on Task 1)."""
 
 import math
 
@@ -17,7 +17,7 @@ from .world import (
 )
 
 START_ANGLE, GOAL_ANGLE = math.radians(66.0), math.radians(20.0)  # rad, either way
-START_X_MIN, START_X_MAX = -3.85, -0.25  # m; the plank's front stays left of the latter
+START_X_MIN, START_X_MAX = -3.85, -0.25  # m; the plank's front end is left of the latter
 GOAL_Y = 2.1  # m, either way
 GOAL_X = (-0.6, 0.3)  # m, where goals are tried
 PLANK_SPARE, ROBOT_SPARE = (
@@ -34,7 +34,7 @@ def _contacts(robots: int, rng: np.random.Generator) -> Float[np.ndarray, "robot
     for side in (-1.0, 1.0):
         here = sides == side
         count = int(here.sum())
-        # Uniform under the spacing: sorted points in the room that the spacings leave.
+        # Uniform under the spacing: sorted points in the length that the spacings leave.
         room = CONTACT_X_MAX - CONTACT_X_MIN - (count - 1) * CONTACT_SPACING
         order = np.sort(rng.uniform(0.0, room, count)) + CONTACT_SPACING * np.arange(count)
         x[here] = rng.permutation(CONTACT_X_MIN + order)
@@ -56,7 +56,7 @@ def _first(good: np.ndarray, poses: Float[np.ndarray, "tries 3"]) -> tuple[float
 
 
 def random_condition(robots: int, rng: np.random.Generator) -> TrialCondition:
-    """A trial whose start and goal leave a little more room than the factors ask for."""
+    """A trial whose start and goal leave slightly more room than the factors require."""
     while True:
         contacts = _contacts(robots, rng)
         theta = rng.uniform(-START_ANGLE, START_ANGLE, _TRIES)

@@ -1,4 +1,4 @@
-"""Ways pulled straight in space and time: fewer turns, and driving slowly instead of stop and go."""
+"""Shortens paths in space and time: fewer turns, and slow driving instead of stop-and-go."""
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -11,10 +11,10 @@ SPACING = 3  # ticks between the points of a way that may become its turns
 
 
 def straighten(ways: list[TimedPath], clear: Clear, clearance: float) -> list[TimedPath]:
-    """The ways with the least kinetic energy through points of the given ones, at the same ticks.
+    """The paths of least kinetic energy through points of the given ones, at the same ticks.
 
     Args:
-        ways: One per robot, without conflicts; so are the ways returned.
+        ways: One path per robot, without conflicts; the returned ones have none either.
         clear: Whether a robot alone may drive straight from points to points.
         clearance: Least distance of two robots' centres (m).
     """
@@ -30,7 +30,7 @@ def straighten(ways: list[TimedPath], clear: Clear, clearance: float) -> list[Ti
 
 
 def _resampled(way: TimedPath) -> TimedPath:
-    """The same way with knots every `SPACING` ticks."""
+    """The same path with knots every `SPACING` ticks."""
     ticks = np.union1d(way.ticks, np.arange(0, way.ticks[-1], SPACING))
     return TimedPath(ticks, way.at_ticks(int(ticks[-1]) + 1)[ticks])
 
@@ -49,7 +49,7 @@ def _relaxed(
         start = np.broadcast_to(way.points[knot], (len(later), 2))
         free = clear(start, way.points[later])
         free[free] = _apart(way, knot, later[free], others, clearance - EXACT)
-        free[0] = True  # as the way goes
+        free[0] = True  # as on the given path
         later = later[free]
         lasts = way.ticks[later] - way.ticks[knot]
         value = energy[knot] + np.sum((way.points[later] - way.points[knot]) ** 2, -1) / lasts

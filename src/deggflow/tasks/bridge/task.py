@@ -34,14 +34,14 @@ from .world import MAX_ROBOTS, MIN_ROBOTS
 
 
 class TrialStream(AbstractGenerator[TrialCondition, Trial]):
-    """Trials as soon as they and those before them are over."""
+    """Trials, yielded as soon as they and all earlier ones are over."""
 
     def __init__(self, generator: BridgeGenerator) -> None:
         """Args: generator: of trials."""
         self.generator = generator
 
     def chunking(self, condition: TrialCondition) -> Chunking:
-        """All trials of a chunk move on together."""
+        """All trials of a chunk advance together."""
         return Chunking()
 
     def generate(
@@ -66,7 +66,7 @@ def trial_generator(
 
 
 class _Replayed(NamedTuple):
-    """What the totals of `certify` are made of."""
+    """Results of one trial, for the totals of `certify`."""
 
     refuted: bool
     fastest: float  # m/s, of a contact point
@@ -126,7 +126,7 @@ class BridgeTask(AbstractTask[TrialCondition, Trial]):
         )
 
     def conclude(self, examinations: Sequence[Examination]) -> str:
-        """How many bridge the gap, what is refuted, and how fast robots moved."""
+        """Numbers of successes and refutations, and the largest speed."""
         bridged = sum(each.holds for each in examinations)
         refuted = sum(each.detail.refuted or bool(each.wrong) for each in examinations)
         fastest = max((each.detail.fastest for each in examinations), default=0.0)

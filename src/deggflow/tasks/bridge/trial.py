@@ -1,4 +1,4 @@
-"""A finished trial: what was executed, what came of it, and what is certified."""
+"""A finished trial: executed actions, outcome and certificate."""
 
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -11,15 +11,15 @@ from deggflow.certificate import GenerationRecord, columns, with_generation
 from .condition import TrialCondition
 from .world import DT
 
-MAX_SPEED = 100.0  # m/s and rad/s; what is faster has diverged, and trial files do not hold it
+MAX_SPEED = 100.0  # m/s and rad/s; faster motion has diverged, and is not stored in files
 
 
 @dataclass(frozen=True)
 class PolicyRecord:
-    """One generated policy at its end, in float64; shown as it was accepted, or as it was refused."""
+    """One generated policy at tau = 1, in float64, accepted or refused."""
 
     q_task: float
-    bound: float  # beta_task(1): q_task before, less the progress asked for
+    bound: float  # beta_task(1): q_task before, less the required progress
     q_safe: float  # its bound is 0
     draws: int  # initial samples tried
     accepted: bool
@@ -43,7 +43,7 @@ class PolicyRecord:
 
 @dataclass(frozen=True)
 class TrialCertificate:
-    """The verdict on a trial, made in float64 by exact geometry, and its policies one by one."""
+    """The verdict on a trial, in float64 by exact geometry, and its policies."""
 
     satisfied: bool  # the gap was bridged, nothing failed, and every executed policy met its bounds
     min_margin: float  # m, least distance to a failure over everything executed
@@ -94,7 +94,7 @@ def _row(number: int, policy: PolicyRecord) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Trial:
-    """A trial from its initial pose to the first pose that bridges, fails, or where the team stopped."""
+    """A trial from its initial pose to the first pose that bridges the gap or fails, or where the team stopped."""
 
     condition: TrialCondition
     twists: Float[np.ndarray, "actions 3"]  # m/s, m/s, rad/s, plank frame

@@ -1,6 +1,6 @@
-"""Exact geometry of a trial in float64: what was executed, whether it bridges, what failed first.
+"""Exact geometry of a trial in float64: whether the plank bridges the gap, and the first failure.
 
-No buffers and nothing smoothed; nothing here is shared with the factors that guide the generation.
+Without buffers or smoothing. Shares nothing with the factors that guide the generation.
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from . import world
 from .arcs import crossing_times, in_order, moved, turning_times
 
-SUB_POSES = 4  # poses looked at in every action, besides those at which a margin may be least
+SUB_POSES = 4  # poses evaluated in every action, besides those at which a margin can be least
 _HALF = np.array([world.PLANK_LENGTH, world.PLANK_WIDTH]) / 2  # m
 _CORNERS = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]]) * _HALF
 _CENTRE = np.zeros((1, 2))
@@ -23,7 +23,7 @@ Poses = Float[np.ndarray, "... 3"]
 
 
 class Margins(NamedTuple):
-    """Distances to failure at poses (m); negative where something is broken."""
+    """Distances to failure at poses (m); negative where a condition is violated."""
 
     plank: Float[np.ndarray, "..."]  # plank inside the workspace
     support: Float[np.ndarray, "..."]  # support on either ground, beyond what is needed
@@ -36,11 +36,11 @@ class Margins(NamedTuple):
         return np.asarray(np.minimum(np.minimum(self.plank, self.support), robots))
 
     def reason(self, at: int) -> str:
-        """What is broken most at one pose of a sequence."""
+        """The worst failure at one pose of a sequence."""
         return min(self._parts(at))[1]
 
     def nearest(self, at: int) -> str:
-        """What is closest to failure at one pose of a sequence, and how close."""
+        """The condition closest to failure at one pose of a sequence, and its margin."""
         margin, _, place = min(self._parts(at))
         return f"{place}, {margin:.3f} m to spare"
 
@@ -88,7 +88,7 @@ def margins(poses: Poses, contacts: Sequence[Sequence[float]]) -> Margins:
 
 
 def bridges(poses: Poses) -> Bool[np.ndarray, "..."]:
-    """Whether the plank bridges the gap: support on both sides, and the way reaches beyond both edges."""
+    """Whether the plank bridges the gap: it is supported on both sides, and the robots' path reaches beyond both edges."""
     along = _rotated(poses[..., 2], _CORNERS)[..., 0]
     low, high = poses[..., 0] + along.min(-1), poses[..., 0] + along.max(-1)
     way = _WAY * np.abs(np.cos(poses[..., 2]))
@@ -122,10 +122,10 @@ def contact_speeds(
 
 
 class Passage(NamedTuple):
-    """What happens within an action, its end included."""
+    """Least margin and first failure within an action, its end included."""
 
     margin: float  # least distance to failure, m
-    reason: str | None  # what is broken first
+    reason: str | None  # the first failure
 
 
 def on_the_way(
@@ -133,12 +133,12 @@ def on_the_way(
     twists: Float[np.ndarray, "actions 3"],
     contacts: Sequence[Sequence[float]],
 ) -> list[Passage]:
-    """Every action from the pose it begins at, by the least margins of the whole arc (`arcs`)."""
+    """Each action from its initial pose, by the least margins along the whole arc (`arcs`)."""
     if not len(poses):
         return []
     robots = robot_centres(contacts)
     times = in_order(_REGULAR, turning_times(poses, twists, np.concatenate([_CORNERS, robots])))
-    # Where the plank's centre or a robot passes the middle of the gap, what is nearest changes sides.
+    # Where the plank's centre or a robot passes the middle of the gap, the nearer side changes.
     passing = crossing_times(poses, twists, np.concatenate([_CENTRE, robots]), times)
     if passing.size:
         times = in_order(_REGULAR, np.concatenate([times, passing], axis=1))
@@ -154,7 +154,7 @@ def on_the_way(
 
 
 class Verdict(NamedTuple):
-    """What came of a sequence of actions."""
+    """The outcome of a sequence of actions."""
 
     poses: Float[np.ndarray, "poses 3"]  # the initial one, then one per action up to the end
     bridged: bool
@@ -184,7 +184,7 @@ def execute(
     twists: Float[np.ndarray, "actions 3"],
     contacts: Sequence[Sequence[float]],
 ) -> Verdict:
-    """Carries out actions until the plank bridges the gap, something fails, or they are used up."""
+    """Executes actions until the plank bridges the gap, something fails, or none is left."""
     twists = np.asarray(twists, np.float64).reshape(-1, 3)
     poses = integrate(pose, twists)
     passages = on_the_way(poses[:-1], twists, contacts)

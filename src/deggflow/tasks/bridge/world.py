@@ -1,12 +1,12 @@
-"""The place: workspace, gap, plank and robots, in metres (paper, App. on Task 1)."""
+"""Dimensions of workspace, gap, plank and robots, in metres (paper, App. on Task 1)."""
 
 X_MIN, X_MAX = -7.0, 6.8  # m, workspace
 Y_MIN, Y_MAX = -3.0, 3.0  # m
 GAP_LEFT, GAP_RIGHT = 0.0, 2.0  # m, edges of the gap; robots start left of it
 PLANK_LENGTH, PLANK_WIDTH = 5.8, 0.72  # m
 ROBOT_RADIUS = 0.16  # m, robots are disks
-SUPPORT = 0.55  # m of plank on the ground needed on either side of the gap
-CORRIDOR = 0.05  # m by which the way of the robots' centres must reach beyond each edge
+SUPPORT = 0.55  # m of plank that must lie on the ground on either side of the gap
+CORRIDOR = 0.05  # m by which the path of the robots' centres must reach beyond each edge
 END_CLEARANCE = 0.075  # m kept by a crossing robot's disk from the plank's ends
 ROBOT_GOALS_MIN = 3.2  # m, least x of the region in which robots have their goals
 
@@ -17,7 +17,7 @@ CONTACT_X_MIN, CONTACT_X_MAX = -2.65, -0.1  # m, where contact points are drawn 
 
 DT = 0.2  # s, one action
 HORIZON = 20  # actions of a generated policy
-EXECUTED = 4  # of them carried out before the next policy is generated
+EXECUTED = 4  # of them executed before the next policy is generated
 COEFFICIENTS = 8  # of the B-spline, K
 AGENT_DIM = 3 * COEFFICIENTS  # of a robot's generative state
 

@@ -1,4 +1,4 @@
-"""Ways to guide the tabletop, each with its hyperparameters and the grid over which it is swept."""
+"""Guidance methods for the tabletop, each with its hyperparameters and the grid over which they are swept."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -29,10 +29,8 @@ from .margins import TABLETOP, scene_margins
 from .requirements import LOCAL, OWN, POOLED, affordance
 from .verdict import BUFFER
 
-TUNED = (
-    8  # objects of the scenes at which settings were found; larger ones have those found at N = 12
-)
-AHEAD = 0.005  # m above h = 0 that barriers and projections aim at: their rows have no room to rounding otherwise
+TUNED = 8  # objects of the scenes at which settings were selected; larger scenes use those selected at N = 12
+AHEAD = 0.005  # m above h = 0, the target of barriers and projections: without it their rows leave no room for rounding
 
 
 def flat_margins(
@@ -44,7 +42,7 @@ def flat_margins(
 
 @dataclass(frozen=True)
 class BaselineRun:
-    """One way to guide, at one setting of its hyperparameters."""
+    """One method at one setting of its hyperparameters."""
 
     guidance: AbstractGuidance
     guard: StepGuard | None = None
@@ -57,7 +55,7 @@ Hyperparameters = Mapping[str, float]
 
 @dataclass(frozen=True)
 class Method:
-    """A way to guide with the hyperparameters it has: what it information_required, where it comes from, which settings are tried."""
+    """A method with its hyperparameters: the information it requires, its source, and the settings that are tried."""
 
     name: str
     source: str
@@ -71,7 +69,7 @@ class Method:
     )
 
     def chosen(self, size: int) -> Hyperparameters:
-        """The setting that tables use for so many objects."""
+        """The setting that tables use for a number of objects."""
         return self.crowded if self.crowded is not None and size > TUNED else self.default
 
 

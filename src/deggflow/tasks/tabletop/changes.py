@@ -19,7 +19,7 @@ from .library import (
 OFFSET_RANGE = (0.98, 1.12)
 RADIUS_RANGE = (1.04, 1.24)
 DIRECTION_JITTER = math.pi / 22.5  # rad
-LARGE_WINDOW = 8  # objects of a large scene to the area of the paper's table
+LARGE_WINDOW = 8  # objects of a large scene per area of the paper's table
 
 Change = Callable[[np.random.Generator, str], Affordance]
 
@@ -29,7 +29,7 @@ def _angle(value: float) -> float:
 
 
 def _opposite(name: str) -> float:
-    """The allowed direction farthest from the default one; the first listed of equals."""
+    """The allowed direction farthest from the default one; the first listed if there are several."""
     return max(object_type(name).directions, key=_angle)
 
 
@@ -96,7 +96,7 @@ def change(condition: SceneCondition, family: str, rng: np.random.Generator) -> 
 
 
 def random_objects(rng: np.random.Generator, size: int) -> tuple[str, ...]:
-    """Object types, uniformly without replacement; of a large scene, in groups of eight, each drawn without replacement."""
+    """Object types, uniformly without replacement; for a large scene, in groups of eight, each drawn without replacement."""
     if size <= MAX_OBJECTS:
         return tuple(str(name) for name in rng.choice(NAMES, size, replace=False))
     groups = (
@@ -106,7 +106,7 @@ def random_objects(rng: np.random.Generator, size: int) -> tuple[str, ...]:
 
 
 def random_table(size: int) -> tuple[float, float]:
-    """Width and depth in m of a table for so many objects: the paper's, or of a large scene one that is larger in proportion.
+    """Width and depth in m of a table for a number of objects: the paper's, or a proportionally larger one for a large scene.
 
     Up to `MAX_OBJECTS` objects share the paper's table; a large scene has a table's area for every eight, and is about square.
     """

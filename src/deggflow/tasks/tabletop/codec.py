@@ -1,4 +1,4 @@
-"""Between generative states and object poses (paper: Appendix on Task 2)."""
+"""Conversion between generative states and object poses (paper: Appendix on Task 2)."""
 
 from typing import Any, NamedTuple
 
@@ -51,7 +51,7 @@ def encode(pose: Pose, condition: TabletopCondition) -> Float[Array, "agents 3"]
 
 
 def place(parts: Parts, pose: Pose) -> RoundedBox:
-    """Parts put into the world with their owners' poses."""
+    """Parts in the world frame, at their owners' poses."""
     cos, sin = jnp.cos(pose.theta), jnp.sin(pose.theta)
 
     def of_parts(value: Float[Array, "agents *samples"]) -> Float[Array, "parts *samples"]:

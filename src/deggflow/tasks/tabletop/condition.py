@@ -1,4 +1,4 @@
-"""What a tabletop scene is asked to be, and the padded arrays a compiled program reads it from."""
+"""Conditions of tabletop scenes, and the padded arrays that compiled programs read."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -56,7 +56,7 @@ class SceneCondition:
     given: Mapping[str, Any] | None = field(default=None, compare=False)
 
     def affordance(self, name: str) -> Affordance:
-        """The requirement on one object; the default one if nothing was asked."""
+        """The requirement on one object; the default one if none was stated."""
         return self.requirements.get(name, Affordance())
 
     def with_requirements(self, requirements: Mapping[str, Affordance]) -> "SceneCondition":
@@ -64,7 +64,7 @@ class SceneCondition:
         return replace(self, requirements=requirements, given=None)
 
     def to_json(self) -> dict[str, Any]:
-        """The condition as it stands in a file: as given, or only what differs from the defaults."""
+        """The condition as it stands in a file: as it was read, or only what differs from the defaults."""
         if self.given is not None:
             return dict(self.given)
         out: dict[str, Any] = {"objects": list(self.objects)}
@@ -113,7 +113,7 @@ class TabletopCondition(NamedTuple):
     balance: Float[Array, " 3"]  # x, y, radius of the circle for the centre of mass, m
 
 
-EVERYWHERE = (0.0, 0.0, 1e3)  # m, stands for the circle of a scene that need not be balanced
+EVERYWHERE = (0.0, 0.0, 1e3)  # m, circle of a scene without a requirement on its balance
 
 
 def padded_size(agents: int) -> int:
@@ -126,7 +126,7 @@ PartRow = tuple[float, float, float, float, float]
 
 
 class _PartRows:
-    """Collects parts scene by scene as plain numbers, then turns them into stacked arrays."""
+    """Collects parts scene by scene as numbers, and stacks them into arrays."""
 
     def __init__(self, scenes: int, agents: int, extras: int) -> None:
         self.values = np.zeros((scenes, agents + extras, 5), np.float32)

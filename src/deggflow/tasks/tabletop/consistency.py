@@ -1,4 +1,4 @@
-"""What a scene's line says against what its poses show and against itself."""
+"""Compares the statements of a scene's line with its poses and with each other."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -17,8 +17,8 @@ from .oracle import refutes
 from .scene import Scene
 from .verdict import Verdict
 
-TOLERANCE = 1e-6  # m by which margins may be off, as they were rounded; of V it is said of sqrt(2 V), a length, too
-SINGLE = 1e-5  # m by which what a generation saw in float32 may be off
+TOLERANCE = 1e-6  # m, tolerance for rounding of margins, and of sqrt(2 V), which is a length, too
+SINGLE = 1e-5  # m, tolerance for values that a generation computed in float32
 DIVERGED = "the generation diverged to numbers that are not finite"
 UNVERIFIED: Unverified = {
     "condition": "except with --conditions",
@@ -39,7 +39,7 @@ def holds(scene: Scene, verdict: Verdict) -> bool:
 
 
 def contradictions(line: Line) -> list[Wrong]:
-    """Everything a line that `parse_scene` accepts says that can't be so.
+    """All contradictions in a line that `parse_scene` accepts.
 
     Args:
         line: A scene as it stands in a file.
@@ -78,7 +78,7 @@ def _contradictions(certificate: Line, scene: Scene, verdict: Verdict) -> Iterat
 
 
 def _reasons(scene: Scene, verdict: Verdict, generation: Line | None) -> list[str]:
-    """What the reason may be: what exact geometry finds, and what happened on the way."""
+    """Possible reasons: the finding of exact geometry, and the first failure along the generation."""
     reason = verdict.reason(scene.condition.objects) or "Shapely finds a requirement missed"
     if generation is not None and generation["first_failure"]:
         reason += f"; on the way {generation['first_failure']}"
@@ -104,7 +104,7 @@ def _values(generation: Line, field: str, scene: Scene, verdict: Verdict) -> Ite
 
 
 def _length(violation: float) -> float:
-    """The norm in m of all that is missing of the buffers, of which V is half the square."""
+    """The norm in m of all shortfalls from the buffers; V is half its square."""
     return math.sqrt(2 * max(violation, 0.0))
 
 
@@ -118,7 +118,7 @@ def _off_balance(scene: Scene) -> float:
 
 
 def _plain(condition: SceneCondition) -> Mapping[str, Any]:
-    """What is asked, with every default written out."""
+    """The condition with every default written out."""
     needs = {name: vars(condition.affordance(name)) for name in condition.objects}
     circle = None if condition.balance is None else vars(condition.balance)
     return {
@@ -130,5 +130,5 @@ def _plain(condition: SceneCondition) -> Mapping[str, Any]:
 
 
 def other_condition(expected: SceneCondition, actual: SceneCondition) -> Wrong | None:
-    """The first thing in which a line's condition is not what was asked for."""
+    """The first difference between a line's condition and the requested one."""
     return consistency.first_difference(_plain(expected), _plain(actual), "condition")

@@ -1,4 +1,4 @@
-"""Training scenes of the tabletop: made, written as scenes, read back as arrays."""
+"""Training scenes of the tabletop: their generation, and reading them as arrays."""
 
 from collections.abc import Sequence
 
@@ -76,7 +76,7 @@ def make_scenes(size: int, first: int, count: int, recipe: SceneRecipe, seed: in
 
 
 def load_dataset(path: StrPath) -> Dataset:
-    """Scenes of a file as encoded training data; `InputError` if the file is not as it should be."""
+    """Scenes of a file as encoded training data; `InputError` if the file is invalid."""
     scenes = read_scenes(path)
     conditions = [scene.condition for scene in scenes]
     agents = padded_size(max(len(c.objects) for c in conditions))

@@ -35,7 +35,7 @@ States = Float[np.ndarray, "scenes objects 3"]  # z, or poses x, y in m and thet
 
 @dataclass(frozen=True)
 class SceneDeviation:
-    """Guided scenes beside the nominal ones of the same z(0); distances are per object, RMS."""
+    """Guided scenes compared with nominal ones of the same z(0); distances are RMS per object."""
 
     states: Deviation  # in z
     poses: Deviation  # m, in SE(2)
@@ -62,9 +62,9 @@ class TabletopDeviation(Row):
     size: int
     requirements: str
     cases: int
-    scenes: SceneDeviation  # each scene has a condition of its own (the paper's way)
-    condition: dict[str, Any]  # the one of all that follows
-    same: SceneDeviation  # every scene has this condition (the theorem's way)
+    scenes: SceneDeviation  # each scene has a condition of its own (as in the paper)
+    condition: dict[str, Any]  # of the following figures
+    same: SceneDeviation  # every scene has this condition (as in the theorem)
     theorem: TheoremDeviation
 
 
@@ -120,7 +120,7 @@ def deviation_of_scenes(
     conditions: Sequence[SceneCondition],
     seed: int,
 ) -> SceneDeviation:
-    """First draws against nominal scenes, of conditions of equally many objects."""
+    """First draws compared with nominal scenes, for conditions of the same number of objects."""
     if not np.array_equal(nominal.grid, guided.grid):
         raise ValueError("`guided` must have the steps of `nominal`, else steps are compared, too.")
     size = len(conditions[0].objects)
@@ -141,7 +141,7 @@ def _pairs(nominal: States, guided: States) -> list[tuple[States, States]]:
 def deviation_of_theorem(
     guided: TabletopGenerator, condition: SceneCondition, samples: int, seed: int
 ) -> TheoremDeviation:
-    """The theorem's two sides over samples of one condition; steps are fixed, so that the sums know all of them."""
+    """Both sides of the theorem over samples of one condition; steps are fixed, so that the sums contain all of them."""
     size, field = len(condition.objects), guided.field
     noise = initial_noise(seed, np.arange(samples), 0)[:, :size]
     arrays = take(to_arrays([condition], size), 0)  # without padding, which would count

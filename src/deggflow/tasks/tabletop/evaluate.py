@@ -37,18 +37,18 @@ class Evaluation(Row):
     least_margin: float | None  # m, over the guided scenes that were claimed satisfied
     refuted: int  # claims that Shapely refutes
     hypotheses_hold: int  # first draws along which the hypotheses of the theorem hold
-    contradicted: int  # of these, draws that the verdict refuses all the same
+    contradicted: int  # of these, draws that the verdict refuses nevertheless
     evaluations: Sequence[float]  # of the guided field: median, 99% quantile, most
     with_forced_steps: int  # first draws with a step that had to be taken above its limit
 
     def rate(self, count: int) -> Rate:
-        """A count as a share of the cases."""
+        """A count as a proportion of the cases."""
         return Rate(count, self.cases)
 
 
 @dataclass(frozen=True)
 class Comparison(Row):
-    """One way to guide, one size: first draws from the same z(0) as every other way."""
+    """One guidance and one size: first draws from the same z(0) as those of every other guidance."""
 
     size: int
     allocation: str
@@ -80,7 +80,7 @@ class Failure:
 
 
 def _nobody(failure: Failure) -> None:
-    """Collects no failures."""
+    """Ignores failures."""
 
 
 def evaluate(
@@ -95,7 +95,7 @@ def evaluate(
 ) -> Evaluation:
     """Nominal and guided scenes of random cases, every claim checked by Shapely.
 
-    `on_failure` is told of every guided draw that its verdict refuses.
+    `on_failure` is called with every guided draw that its verdict refuses.
     """
     conditions = random_conditions(size, cases, requirements, seed)
     nominal = TabletopGenerator(field).batch(initial_noise(seed, np.arange(cases), 0), conditions)
@@ -158,7 +158,7 @@ def compare(
     allocation: str,
     reanchored: bool,
 ) -> Comparison:
-    """First draws of one way to guide, by fixed steps: nothing but the way differs."""
+    """First draws of one guidance with fixed steps, so that only the guidance differs."""
     conditions = random_conditions(size, cases, requirements, seed)
     noise = initial_noise(seed, np.arange(cases), 0)
     guidance = tabletop_guidance(ALLOCATIONS[allocation], reanchored=reanchored)

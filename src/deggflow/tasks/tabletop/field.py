@@ -1,4 +1,4 @@
-"""The tabletop's nominal vector field: which features of a scene the network reads."""
+"""The tabletop's nominal vector field: the features of a scene that the network reads."""
 
 from collections.abc import Mapping
 from importlib.resources import files
@@ -21,7 +21,7 @@ from .geometry import RoundedBox, separating_gap, wall_margins
 from .library import MAX_OBJECTS
 
 REACH = 0.3  # m, length scale of relative positions
-NEAR, FAR = 0.05, 0.2  # m, length scales at which gaps are told apart
+NEAR, FAR = 0.05, 0.2  # m, length scales at which gaps are resolved
 SPREAD = (0.53, 0.50, 1.34)  # standard deviation of the training scenes in z
 NODE_SIZE = 2 + 8 + MAX_OBJECTS
 PAIR_SIZE = 6 + 6
@@ -67,7 +67,7 @@ def node_features(
     half_width: Scalar,
     half_depth: Scalar,
 ) -> Float[Array, "agents node"]:
-    """Headings, room to the walls, kinds."""
+    """Headings, distances to the walls, kinds."""
     walls = [wall_margins(box, half_width, half_depth) for box in (body, access)]
     graded = [feature for margins in walls for margin in margins for feature in _graded(margin)]
     kinds = jax.nn.one_hot(kind, MAX_OBJECTS)
@@ -75,11 +75,11 @@ def node_features(
 
 
 def scene_features(z: Float[Array, "agents 3"], condition: TabletopCondition) -> TeamFeatures:
-    """Kinds, headings, room to the walls; relative poses and gaps of bodies and default affordance regions."""
+    """Kinds, headings, distances to the walls; relative poses and gaps of bodies and default affordance regions."""
     pose, agents = decode(z, condition), z.shape[0]
     body = place(_bodies(condition.primitives, agents), pose)
     access = place(condition.access, pose)
-    # Placed once: XLA would fuse sines and cosines into the features of every pair.
+    # Computed once: XLA would otherwise fuse sines and cosines into the features of every pair.
     body, access = jax.lax.optimization_barrier((body, access))
     node = node_features(body, access, condition.kind, condition.half_width, condition.half_depth)
     pair = pair_features(body.expand(1), body.expand(0), access.expand(1), access.expand(0))

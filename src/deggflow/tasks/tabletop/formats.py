@@ -1,4 +1,4 @@
-"""Tabletop conditions and scenes as JSON Lines: what is accepted, and what is refused and why."""
+"""Tabletop conditions and scenes as JSON Lines: parsing and validation."""
 
 import math
 from typing import Any

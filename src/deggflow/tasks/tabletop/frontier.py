@@ -1,4 +1,4 @@
-"""Success against deviation: every way to guide on the same field, z(0) and requirements."""
+"""Success and deviation of every method on the same field, z(0) and requirements."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -35,7 +35,7 @@ CHUNK = 128  # scenes generated at once
 
 @dataclass(frozen=True)
 class Point(Row):
-    """One way to guide, one setting, one size: first draws (of rejection sampling: all its draws)."""
+    """One method, one setting, one size: first draws (all draws for rejection sampling)."""
 
     method: str
     hyperparameters: dict[str, float]
@@ -43,9 +43,7 @@ class Point(Row):
     cases: int
     satisfied: int
     diverged: int  # not finite, or far off the table
-    worst: (
-        float  # m, the greatest violation of a margin; 0 if there is none; diverged cases left out
-    )
+    worst: float  # m, the largest violation of a margin, 0 if there is none, without diverged cases
     # Over the cases that did not diverge; None if all did:
     deviation: float | None  # RMS distance to the nominal sample of the same z(0), in z, per object
     transport: float | None  # W2 to the nominal samples by optimal assignment, in z, per object
@@ -58,7 +56,7 @@ class Point(Row):
 
 
 class Cases(NamedTuple):
-    """What every way is given."""
+    """The cases, which are the same for every method."""
 
     conditions: Sequence[SceneCondition]
     seed: int
@@ -109,7 +107,7 @@ def draw_cases(field: Field, size: int, requirements: str, cases: int, seed: int
 
 
 def measure(field: Field, method: Method, hyperparameters: Hyperparameters, cases: Cases) -> Point:
-    """Runs one way on all cases; compiled before the clock starts."""
+    """Runs one method on all cases; programs are compiled before the time is measured."""
     way, count = method.make(hyperparameters), len(cases.conditions)
     _generate(field, way, cases, np.arange(min(CHUNK, count)), 0)
     samples = _until_satisfied(field, way, cases)
@@ -137,9 +135,9 @@ def jobs(
     seed: int,
     say: Callable[[str], None] = lambda text: None,
 ) -> list[Callable[[], Point]]:
-    """One measurement for each size, way and setting; the cases of a size are drawn once, when they are needed.
+    """One measurement for each size, method and setting; the cases of a size are drawn once, at first use.
 
-    `say` is told of each measurement as it begins.
+    `say` is called at the start of each measurement.
     """
 
     @cache
@@ -157,12 +155,12 @@ def jobs(
 
 
 def in_words(hyperparameters: Hyperparameters) -> str:
-    """A setting as it is read."""
+    """A setting in words."""
     return ", ".join(f"{name} {value:g}" for name, value in hyperparameters.items())
 
 
 def _until_satisfied(field: Field, way: BaselineRun, cases: Cases) -> _Samples:
-    """One draw of every case; of those that fail, further ones if the way allows it."""
+    """One draw of every case, and further draws of failed cases if the method allows them."""
     seconds, draws = 0.0, 0
 
     def attempt(pending: Sequence[int], number: int) -> list[Candidate[_Sample]]:
@@ -170,7 +168,7 @@ def _until_satisfied(field: Field, way: BaselineRun, cases: Cases) -> _Samples:
         samples = _generate(field, way, cases, np.asarray(pending), number)
         seconds, draws = seconds + samples.seconds, draws + samples.draws
         each = map(_Sample, samples.z, samples.verdicts, samples.finite)
-        # Of those that are refused the last one stays, as rejection sampling leaves it.
+        # Of refused draws the last one is kept, as in rejection sampling.
         return [Candidate(one, one.verdict.satisfied, float(number)) for one in each]
 
     results = redraw_until_satisfied(attempt, len(cases.conditions), way.draws)
@@ -215,7 +213,7 @@ def _transport(
 
 
 def best(points: Sequence[Point]) -> Point:
-    """The setting that stands for a method: the most successes, then the least W2."""
+    """The setting that represents a method: the most successes, then the least W2."""
     return min(points, key=lambda point: (-point.satisfied, _or_infinite(point.transport)))
 
 

@@ -1,7 +1,7 @@
 """The twelve objects of the tabletop task and their affordance regions.
 
 Source: paper, Table "Object geometry and default affordance regions for Task 2". Lengths in m, angles
-in rad, coordinates in the object's body frame. Masses are ours: what such things weigh, filled or in use.
+in rad, coordinates in the object's body frame. Masses are our estimates of objects filled or in use.
 """
 
 import math
@@ -27,7 +27,7 @@ class Primitive:
 
 @dataclass(frozen=True)
 class Region:
-    """A disk beside the object that must stay free while the object is used."""
+    """A disk beside the object that must be free for the object to be used."""
 
     x: float
     y: float
@@ -106,24 +106,24 @@ _NUMBER = re.compile(r"[1-9][0-9]{0,6}")
 
 
 def type_name(name: str) -> str:
-    """The type of an object by the object's name: "teacup" and "teacup#2" are two teacups."""
+    """The name of an object's type by the object's name: "teacup" and "teacup#2" are two teacups."""
     return name.partition("#")[0]
 
 
 def object_type(name: str) -> ObjectType:
-    """What an object by that name is like."""
+    """The type of the object by that name."""
     return _BY_NAME[type_name(name)]
 
 
 def is_object_name(name: str) -> bool:
-    """Whether a name is a type's, alone or with a number from 2 on that tells objects of a type apart."""
+    """Whether a name is that of a type, alone or with a number from 2 on that distinguishes objects of one type."""
     kind, sign, number = name.partition("#")
     numbered = not sign or (_NUMBER.fullmatch(number) is not None and number != "1")
     return kind in _BY_NAME and numbered
 
 
 def numbered(types: Iterable[str]) -> tuple[str, ...]:
-    """Names of objects of the given types: the first of a type by its type alone, then "#2", "#3", ..."""
+    """Names of objects of the given types: the type alone for the first one, then with "#2", "#3", ..."""
     count: Counter[str] = Counter()
     names = []
     for kind in types:

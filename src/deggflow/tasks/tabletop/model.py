@@ -18,7 +18,7 @@ from .symmetry import random_symmetry
 
 
 class TabletopModel(AbstractModel):
-    """Scenes that a relaxation makes; L_MAC under the table's four symmetries."""
+    """Scenes from a relaxation; L_MAC under the table's four symmetries."""
 
     task = "tabletop"
     noun = "scenes"
@@ -36,7 +36,7 @@ class TabletopModel(AbstractModel):
         return [scene.to_json() for scene in make_scenes(size, first, count, recipe, seed)]
 
     def describe(self, folder: Path) -> Sequence[str]:
-        """Nothing: scenes are of one kind."""
+        """No lines: scenes are of one kind."""
         return ()
 
     def load_data(self, training: Path, validation: Path) -> TrainingData:

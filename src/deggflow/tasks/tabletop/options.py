@@ -1,4 +1,4 @@
-"""The tabletop's options of every command. Knows nothing of JAX."""
+"""The tabletop's options of every command. Does not import JAX."""
 
 from dataclasses import dataclass
 from pathlib import Path

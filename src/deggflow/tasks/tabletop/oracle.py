@@ -1,4 +1,4 @@
-"""A second opinion on claims, by Shapely: shares only the object library with the rest of the package."""
+"""An independent check of claims by Shapely; shares only the object library with the rest of the package."""
 
 import math
 from collections.abc import Sequence
@@ -57,7 +57,7 @@ def _on_table(condition: SceneCondition, shapes: Sequence[Grown]) -> float:
 def _least_gap(
     these: Sequence[Sequence[Grown]], others: Sequence[Sequence[Grown]], beyond: float
 ) -> float:
-    """Least distance in m of two shapes of different objects, where it is at most `beyond`; else infinity."""
+    """Least distance in m between shapes of different objects if it is at most `beyond`, otherwise infinity."""
     one = [(k, *shape) for k, row in enumerate(these) for shape in row]
     two = [(k, *shape) for k, row in enumerate(others) for shape in row]
     owner, core, radius = (np.array(column) for column in zip(*one, strict=True))
@@ -71,7 +71,7 @@ def _least_gap(
 
 
 def least_margin(condition: SceneCondition, poses: Float[np.ndarray, "agents 3"]) -> float:
-    """Least margin of a scene in m by Shapely's distances; where cores overlap, only its sign means anything."""
+    """Least margin of a scene in m by Shapely's distances; where cores overlap, only its sign is meaningful."""
     bodies = [
         [(_move(core, pose), grown) for core, grown in _body(name)]
         for name, pose in zip(condition.objects, poses, strict=True)
@@ -81,7 +81,7 @@ def least_margin(condition: SceneCondition, poses: Float[np.ndarray, "agents 3"]
         for name, pose in zip(condition.objects, poses, strict=True)
     ]
     margin = _on_table(condition, [shape for row in (*bodies, *regions) for shape in row])
-    # What lies beyond the least margin found so far can't be the least one.
+    # Shapes farther apart than the least margin so far cannot have the least one.
     margin = min(margin, _least_gap(bodies, bodies, max(margin, 0.0)))
     margin = min(margin, _least_gap(regions, bodies, max(margin, 0.0)))
     if condition.balance is not None:

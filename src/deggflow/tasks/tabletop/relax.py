@@ -12,7 +12,9 @@ from .codec import ANGLE_SCALE
 from .condition import TabletopCondition
 from .margins import TABLETOP, least_margin
 
-LEVER_ARM = 0.1  # m, turns metres into radians when positions and headings share one step size
+LEVER_ARM = (
+    0.1  # m, converts between radians and metres, as positions and headings share one step size
+)
 STEP = 0.2  # of the preconditioned gradient
 STEPS = 600
 
@@ -26,7 +28,7 @@ def random_states(key: PRNGKeyArray, condition: TabletopCondition) -> Float[Arra
 def relax(
     z: Float[Array, "agents 3"], condition: TabletopCondition, clearance: float
 ) -> Float[Array, "agents 3"]:
-    """Gradient steps on the violation with a buffer of `clearance` m, one scene."""
+    """Gradient steps on the violation of one scene with a buffer of `clearance` m."""
     scale = jnp.stack(
         [condition.half_width, condition.half_depth, jnp.asarray(ANGLE_SCALE * LEVER_ARM)]
     )

@@ -13,7 +13,7 @@ from .options import TabletopEvaluate
 
 
 class SuccessEvaluation(AbstractEvaluation[Evaluation]):
-    """Nominal beside guided for each size and family."""
+    """Nominal and guided scenes for each size and family."""
 
     row = Evaluation
 
@@ -42,7 +42,7 @@ class SuccessEvaluation(AbstractEvaluation[Evaluation]):
         return run
 
     def tables(self, rows: Sequence[Evaluation]) -> list[Table]:
-        """Success, and what happened on the way of the first draws."""
+        """Success, and statistics of the first draws' generation."""
         return [self._success(rows), self._first_draws(rows)]
 
     def _success(self, rows: Sequence[Evaluation]) -> Table:
@@ -142,19 +142,19 @@ class AllocationComparison(AbstractEvaluation[Comparison]):
         ]  # fmt: skip
 
     def complete(self, rows: Sequence[Comparison]) -> bool:
-        """Always: what is worse than the default may fail."""
+        """Always true: allocations other than the default may fail."""
         return True
 
 
 def evaluation_of(
     field: Field, options: TabletopEvaluate, weights: str | None
 ) -> SuccessEvaluation | AllocationComparison:
-    """What the options ask for.
+    """The evaluation that the options select.
 
     Args:
         field: Nominal field.
         options: Of `evaluate`.
-        weights: What tells the field from others; None for the shipped one.
+        weights: Identifies the field; None for the shipped one.
     """
     settings = {
         **options.settings("tabletop", weights),

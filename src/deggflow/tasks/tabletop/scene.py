@@ -16,7 +16,7 @@ from .verdict import Verdict, judge
 
 @dataclass(frozen=True)
 class Scene:
-    """An arrangement of objects with the certificate it was given."""
+    """An arrangement of objects with its certificate."""
 
     condition: SceneCondition
     poses: Float[np.ndarray, "agents 3"]  # x, y in m, theta in rad
@@ -24,7 +24,7 @@ class Scene:
     seed: int
 
     def verdict(self) -> Verdict:
-        """What exact geometry says now, whatever the certificate claims."""
+        """The verdict of exact geometry, regardless of the certificate."""
         return judge([self.condition], [self.poses])[0]
 
     def to_json(self) -> dict[str, Any]:
@@ -42,10 +42,10 @@ class Scene:
 
 
 def finished(samples: Sequence[Drawn[Scene]]) -> list[Scene]:
-    """Scenes whose certificates count their draws."""
+    """Scenes with the number of draws in their certificates."""
     return [with_draws(each.sample, each.draws) for each in samples]
 
 
 def with_draws(scene: Scene, draws: int) -> Scene:
-    """A scene of the last of so many draws."""
+    """The scene with this number of draws in its certificate."""
     return replace(scene, certificate=replace(scene.certificate, draws=draws))

@@ -1,4 +1,4 @@
-"""Symmetries of the table: half a turn and mirroring map valid scenes to valid scenes.
+"""Symmetries of the table: rotation by pi and mirroring map valid scenes to valid scenes.
 
 Every object of the library is its own mirror image about its x axis (affordance regions in front, on the
 x axis) or about its y axis (regions on the -y side), so a mirrored scene is a scene of the same objects.
@@ -29,7 +29,7 @@ def mirror(pose: Pose, condition: TabletopCondition) -> Pose:
 
 
 def half_turn(pose: Pose) -> Pose:
-    """The scene turned by half a turn about the table's centre."""
+    """The scene rotated by pi about the table's centre."""
     return Pose(-pose.x, -pose.y, wrap(pose.theta + jnp.pi))
 
 

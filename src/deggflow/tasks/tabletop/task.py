@@ -33,14 +33,14 @@ from .scene import Scene
 
 
 class SceneStream(AbstractGenerator[SceneCondition, Scene]):
-    """Scenes and large scenes alike."""
+    """Streams of scenes, large ones included."""
 
     def __init__(self, generator: TabletopGenerator, *, keep_trace: bool) -> None:
         """Args: generator: of scenes; keep_trace: certificates have the whole trace."""
         self.generator, self.keep_trace = generator, keep_trace
 
     def chunking(self, condition: SceneCondition) -> Chunking:
-        """Large scenes gain nothing from being many, and each uses the whole machine."""
+        """Large scenes are generated one by one, as each uses the whole machine."""
         return Chunking(1) if is_large(condition) else Chunking(concurrent=True)
 
     def generate(
@@ -108,13 +108,13 @@ class TabletopTask(AbstractTask[SceneCondition, Scene]):
         )
 
     def conclude(self, examinations: Sequence[Examination]) -> str:
-        """How many hold, and of how many lines something is wrong."""
+        """Numbers of lines that hold and of lines with a discrepancy."""
         return self.claim.in_total(examinations)
 
     def evaluation(
         self, field: Field, options: EvaluateOptions, weights: str | None
     ) -> SuccessEvaluation | AllocationComparison:
-        """Success of nominal and guided scenes, or the allocations side by side."""
+        """Success of nominal and guided scenes, or a comparison of the allocations."""
         for size in options.sizes:
             check_range("sizes", size, 1, MAX_OBJECTS)
         return evaluation_of(field, cast(TabletopEvaluate, options), weights)

@@ -1,4 +1,4 @@
-"""The tabletop's field in PyTorch, features and all: the shipped weights for those who work there, and a peer to compare with."""
+"""The tabletop's field in PyTorch, features included: for users of PyTorch, and for comparison."""
 
 from typing import NamedTuple
 
@@ -24,7 +24,7 @@ class Boxes(NamedTuple):
     sin: torch.Tensor
     half_x: torch.Tensor  # m, half extents of the core
     half_y: torch.Tensor
-    radius: torch.Tensor  # m, how far the core is grown
+    radius: torch.Tensor  # m, by which the core is dilated
 
     def expand(self, dim: int) -> "Boxes":
         """The same boxes with a new axis of length one."""
@@ -58,7 +58,7 @@ class TorchTabletopField(torch.nn.Module):
 
 
 def scene_arrays(condition: TabletopCondition) -> dict[str, Array]:
-    """What the module reads of a condition, of one scene or of a stack of them."""
+    """The arrays that the module reads, from the condition of one scene or of a stack."""
     agents = condition.mask.shape[-1]
 
     def first(parts: Parts) -> Array:
@@ -99,7 +99,7 @@ def _graded(gap: torch.Tensor) -> list[torch.Tensor]:
 
 
 def _node_features(bodies: Boxes, regions: Boxes, half: torch.Tensor) -> torch.Tensor:
-    """Headings, and the room that is left to the walls."""
+    """Headings, and the distances to the walls."""
     graded = []
     for box in (bodies, regions):
         cos, sin = box.cos.abs(), box.sin.abs()

@@ -20,7 +20,7 @@ from .library import object_type
 
 BUFFER = 0.02  # m, delta^PE of the reported violation V (paper, Task 2)
 _CHUNK = 512  # scenes measured at once
-_FEW = 64  # shapes of a scene of which all pairs are measured
+_FEW = 64  # largest number of shapes of a scene for which all pairs are measured
 
 Poses = Float[np.ndarray, "_ 3"]
 
@@ -42,17 +42,17 @@ class Breach(NamedTuple):
     """One requirement that does not hold. `owner` and `other` index the condition's objects."""
 
     kind: Kind
-    owner: int  # -1 where all objects together are to blame
+    owner: int  # -1 if it concerns all objects together
     region: (
         int  # affordance region of the owner; -1 where the requirement is about the object itself
     )
-    other: int  # who is too close or obstructs; -1 for the table's edge
+    other: int  # the object that is too close or obstructs; -1 for the table's edge
     margin: float  # m, negative
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What exact geometry says of one scene."""
+    """The verdict of exact geometry on one scene."""
 
     min_margin: float  # m, the least of all margins
     violation: float  # V with the buffer delta^PE, m^2
@@ -88,7 +88,7 @@ def _describe(breach: Breach, objects: Sequence[str]) -> str:
 
 
 class _Shapes(NamedTuple):
-    """Grown polygons of a batch of scenes in one list."""
+    """Dilated polygons of a batch of scenes in one list."""
 
     corners: Float[np.ndarray, "shapes 4 2"]  # m, world, counterclockwise
     radius: Float[np.ndarray, " shapes"]
@@ -175,7 +175,7 @@ def _polygon_distance(
     gap, distance = _depth(a, b), _corner_to_edge(b, a)
     if b.shape[1] > 1:
         gap, distance = np.maximum(gap, _depth(b, a)), np.minimum(distance, _corner_to_edge(a, b))
-    # Neither shape has an edge (two disks): nothing can penetrate, the centres' distance is all.
+    # If neither shape has an edge (two disks), cores cannot overlap, and the centres' distance is the result.
     return np.where((gap <= 0) & np.isfinite(gap), gap, distance)
 
 
@@ -196,7 +196,7 @@ def _pairs(shapes: _Shapes, room: Float[np.ndarray, " shapes"]) -> _Indices:
         if end - begin <= _FEW:
             first, second = np.nonzero(np.ones((end - begin, end - begin), bool))
         else:
-            # What is farther apart than the least room to the edge can't be the least margin.
+            # Shapes farther apart than the least distance to the edge cannot have the least margin.
             beyond = max(BUFFER, float(np.min(room[begin:end])))
             corners, radius = shapes.corners[begin:end], shapes.radius[begin:end]
             first, second = _near(corners, radius, beyond)
@@ -265,7 +265,7 @@ def _measure(conditions: Sequence[SceneCondition], poses: Sequence[Poses]) -> _M
 def _balance(
     conditions: Sequence[SceneCondition], poses: Sequence[Poses]
 ) -> tuple[Float[np.ndarray, " balanced"], Int[np.ndarray, " balanced"]]:
-    """How far inside its circle the centre of mass lies (m), and in which scenes that is asked for."""
+    """Margin of the centre of mass to its circle (m), and the scenes in which it is required."""
     room, scene = [], []
     for s, (condition, pose) in enumerate(zip(conditions, poses, strict=True)):
         if condition.balance is not None:
@@ -280,13 +280,13 @@ def _balance(
 def _verdicts(conditions: Sequence[SceneCondition], poses: Sequence[Poses]) -> list[Verdict]:
     rows, count = _measure(conditions, poses), len(conditions)
     least = np.full(count, np.inf)
-    with np.errstate(invalid="ignore"):  # a margin that is not a number is told as a breach
+    with np.errstate(invalid="ignore"):  # a NaN margin is reported as a breach
         np.minimum.at(least, rows.scene, rows.margin)
     private = rows.kind != _KINDS.index(Kind.BALANCE)  # V is of private requirements
     hinge = np.maximum(BUFFER - rows.margin, 0.0) ** 2 / 2 * np.where(rows.shared, 2.0, private)
     violation = np.bincount(rows.scene, hinge, minlength=count)
     breaches: list[list[Breach]] = [[] for _ in conditions]
-    # `not >=` so that a margin that is not a number counts as a breach.
+    # `not >=`, so that a NaN margin counts as a breach.
     failing = np.nonzero(~(rows.margin >= 0.0))[0]
     for k in failing[np.argsort(rows.margin[failing])]:
         breaches[rows.scene[k]].append(
