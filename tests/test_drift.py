@@ -11,9 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from deggflow import (
+    AfterPrediction,
     DecoupledGuidance,
     EveryStep,
     Extrapolated,
+    ExtrapolatedEndpoint,
     Held,
     Midpoint,
     NoGuidance,
@@ -58,6 +60,10 @@ APART = PrivateRequirement(margins, BUFFER, name="apart")
 MIXED = DecoupledGuidance((SharedRequirements((SharedFactor(wall, buffer=0.02),)), APART))
 
 
+def endpoint_3(evaluations, power):
+    return ExtrapolatedEndpoint(evaluations, 3, power)
+
+
 def nominal_end(drift, z0, steps=150, solver=EULER):
     grid = refined_grid(steps)
     return np.asarray(
@@ -73,8 +79,19 @@ def nominal_end(drift, z0, steps=150, solver=EULER):
         (Midpoint, 2),
         (lambda evaluations, power: Extrapolated(evaluations, 2, power), 2),
         (lambda evaluations, power: Extrapolated(evaluations, 3, power), 3),
+        (lambda evaluations, power: ExtrapolatedEndpoint(evaluations, 2, power), 2),
+        (endpoint_3, 2),
+        (lambda evaluations, power: AfterPrediction(Midpoint(evaluations, power)), 2),
     ],
-    ids=["held", "midpoint", "extrapolated-2", "extrapolated-3"],
+    ids=[
+        "held",
+        "midpoint",
+        "extrapolated-2",
+        "extrapolated-3",
+        "endpoint-2",
+        "endpoint-3",
+        "predicted",
+    ],
 )
 def test_the_nominal_part_has_its_order(make, order, power, key):
     with jax.enable_x64(True):
@@ -89,7 +106,10 @@ def test_the_nominal_part_has_its_order(make, order, power, key):
             for evaluations in (32, 64, 128)
         ]
     slope = np.log2(errors[0] / errors[2]) / 2
-    assert slope == pytest.approx(order, abs=0.25), errors
+    assert slope > order - 0.25, errors
+    # With equal steps the first ones, of lower order, still weigh little at these lengths.
+    starts_lower = make is endpoint_3
+    assert slope < order + (0.75 if starts_lower else 0.25), errors
 
 
 def test_the_nominal_part_is_adams_and_bashforth_s_on_any_grid_and_scheme(key):
@@ -107,6 +127,54 @@ def test_the_nominal_part_is_adams_and_bashforth_s_on_any_grid_and_scheme(key):
         for steps, solver in ((8, EULER), (33, EULER), (150, EULER), (20, HEUN), (20, RK4)):
             ours = nominal_end(Extrapolated(8), jnp.asarray(start), steps, solver)
             np.testing.assert_allclose(ours, z, atol=1e-12)
+
+
+@pytest.mark.parametrize("order", [2, 3])
+def test_an_extrapolated_endpoint_is_reached_by_the_exact_solution(order, key):
+    """dz/dtau = (x1(tau) - z) / (1 - tau) with the polynomial through the last endpoints, by Diffrax."""
+    with jax.enable_x64(True):
+        z = jnp.asarray(np.asarray(jax.random.normal(key, (AGENTS, 2))), jnp.float64)
+        ours = generate(
+            smooth, NoGuidance(), z, None, grid=refined_grid(60), keep_path=True,
+            drift=ExtrapolatedEndpoint(5, order, 1.5),
+        )  # fmt: skip
+        grid, tau, known = np.asarray(ours.trace.tau), macro_grid(5, 1.5), []
+        for begin, end in itertools.pairwise(tau):
+            known = [*known, (begin, z + (1 - begin) * smooth(begin, z, None))][-order:]
+            powers = np.polyfit(
+                [t for t, _ in known], [x.ravel() for _, x in known], len(known) - 1
+            )
+
+            def slope(t, y, powers):
+                return (jnp.polyval(powers, t).reshape(y.shape) - y) / (1 - t)
+
+            points = grid[(grid > begin) & (grid <= min(end, 1 - 1e-9))]
+            found = diffrax.diffeqsolve(
+                diffrax.ODETerm(slope), diffrax.Dopri8(), begin, points[-1], 1e-3, z, jnp.asarray(powers),
+                stepsize_controller=diffrax.PIDController(rtol=1e-11, atol=1e-11),
+                saveat=diffrax.SaveAt(ts=points),
+            ).ys  # fmt: skip
+            np.testing.assert_allclose(
+                ours.path[np.searchsorted(grid, points)], found, rtol=1e-8, atol=1e-8
+            )
+            z = found[-1]
+        # The exact solution ends at the endpoint that is extrapolated to tau = 1.
+        np.testing.assert_allclose(ours.z, jnp.polyval(powers, 1.0).reshape(z.shape), atol=1e-8)
+
+
+def test_a_field_that_always_predicts_one_endpoint_is_followed_exactly(key):
+    target = jnp.array([[0.2, 0.0], [0.0, 0.3], [-0.3, 0.1]])
+
+    def straight(tau, z, condition):
+        return (target - z) / (1 - tau)
+
+    z0 = jax.random.normal(key, (AGENTS, 2))
+    for evaluations in (1, 4, 16):
+        drift = ExtrapolatedEndpoint(evaluations)
+        made = generate(straight, NoGuidance(), z0, None, drift=drift, keep_path=True)
+        tau = np.asarray(made.trace.tau)[:, None, None]
+        line = (1 - tau) * np.asarray(z0) + tau * np.asarray(target)
+        np.testing.assert_allclose(made.path, line, atol=2e-6)
 
 
 @settings(deadline=None, max_examples=60)
@@ -139,6 +207,7 @@ DRIFTS = [
     *(Extrapolated(count) for count in (2, 8)),
     *(Extrapolated(count, 3) for count in (4, 16)),
     *(Midpoint(count) for count in (2, 8)),
+    *(ExtrapolatedEndpoint(count) for count in (1, 3, 16)),
 ]
 
 
@@ -174,7 +243,11 @@ def test_guarantees_hold_whatever_the_drift(drift):
     assert np.all(made.trace.value[kept, 1:] <= made.trace.limit[kept, 1:])
 
 
-@pytest.mark.parametrize("drift", [Held(5), Extrapolated(6, 3), Midpoint(8)], ids=str)
+@pytest.mark.parametrize(
+    "drift",
+    [Held(5), Extrapolated(6, 3), Midpoint(8), ExtrapolatedEndpoint(6), AfterPrediction(Held(5))],
+    ids=str,
+)
 @pytest.mark.parametrize("guard", [None, StepGuard()], ids=["fixed", "guarded"])
 def test_a_batch_is_what_its_samples_are_alone(drift, guard):
     rng = np.random.default_rng(8)
@@ -229,7 +302,18 @@ class Counted:
 
 
 @pytest.mark.parametrize(
-    "drift", [Held(1), Held(4), Extrapolated(8), Extrapolated(8, 3), Midpoint(6)], ids=str
+    "drift",
+    [
+        Held(1),
+        Held(4),
+        Extrapolated(8),
+        Extrapolated(8, 3),
+        Midpoint(6),
+        ExtrapolatedEndpoint(8),
+        AfterPrediction(ExtrapolatedEndpoint(7)),
+        AfterPrediction(Midpoint(6)),
+    ],
+    ids=str,
 )
 @pytest.mark.parametrize("guard", [None, StepGuard()], ids=["fixed", "guarded"])
 def test_the_field_is_called_once_for_each_evaluation(drift, guard):
@@ -245,8 +329,9 @@ def test_the_field_is_called_once_for_each_evaluation(drift, guard):
     ):
         field = Counted()
         work = jax.block_until_ready(jax.jit(lambda field=field, run=run: run(field))()).work
-        assert field.calls == drift.evaluations
-        np.testing.assert_array_equal(work.field_evaluations, drift.evaluations)
+        wanted = getattr(drift, "prediction", drift).evaluations
+        assert field.calls == wanted
+        np.testing.assert_array_equal(work.field_evaluations, wanted)
         assert np.all(np.asarray(work.evaluations) >= 31)
 
 
@@ -266,9 +351,11 @@ def test_the_grid_may_be_an_argument_of_the_program():
     def run(grid):
         return generate(crowd, MIXED, z0, jnp.eye(2), grid=grid, drift=Extrapolated(6))
 
-    given = jax.jit(run)(refined_grid(30))
-    np.testing.assert_array_equal(np.isin(macro_grid(6).astype(np.float32), given.trace.tau), True)
-    np.testing.assert_allclose(given.z, run(refined_grid(30)).z, atol=1e-4)
+    with jax.enable_x64(True):  # in float32 the two programs round apart
+        z0, grid = jnp.asarray(z0, jnp.float64), refined_grid(30)
+        given, wanted = jax.jit(run)(grid), run(grid)
+    np.testing.assert_array_equal(np.isin(macro_grid(6), given.trace.tau), True)
+    np.testing.assert_allclose(given.z, wanted.z, atol=1e-4)
 
 
 def test_fixed_steps_have_a_gradient():
@@ -286,6 +373,46 @@ def test_fixed_steps_have_a_gradient():
         ahead = jnp.zeros_like(z0).at[1, 0].set(eps)
         slope = (end(z0 + ahead) - end(z0 - ahead)) / (2 * eps)
     assert gradient[1, 0] == pytest.approx(float(slope), rel=1e-6)
+
+
+@pytest.mark.parametrize("guard", [None, StepGuard()], ids=["fixed", "guarded"])
+def test_after_a_prediction_guidance_moves_only_what_violates_a_requirement(guard):
+    rng = np.random.default_rng(8)
+    z0, swirl = 2.0 * rng.normal(size=(40, AGENTS, 2)), rng.normal(size=(40, 2, 2))
+    prediction = ExtrapolatedEndpoint(8)
+    guidance = DecoupledGuidance((APART,))
+    with jax.enable_x64(True):
+        nominal = generate_batch(crowd, NoGuidance(), z0, jnp.asarray(swirl), drift=prediction).z
+        made = generate_batch(
+            crowd, guidance, z0, jnp.asarray(swirl), drift=AfterPrediction(prediction),
+            guard=guard, keep_path=True,
+        )  # fmt: skip
+        certificates = certify_batch(made, guidance, swirl)
+        margin = np.asarray(jax.vmap(lambda z: margins(z, None).min(axis=-1))(nominal))
+    np.testing.assert_allclose(made.path[:, 0], nominal, atol=1e-12)
+    np.testing.assert_array_equal(made.summary.z0, made.path[:, 0])
+    assert all(each.satisfied for each in certificates)
+    assert jax.tree.map(np.asarray, made.summary).hypotheses_hold.all()
+    free = (margin >= BUFFER).all(axis=-1)
+    assert 0 < free.sum() < len(free)
+    np.testing.assert_array_equal(made.z[free], made.path[free, 0])
+    assert np.all(made.work.field_evaluations == 8)
+
+
+def test_stops_after_a_prediction_count_on_the_clock_of_the_guidance():
+    z0 = 0.1 * jnp.asarray(np.random.default_rng(1).normal(size=(AGENTS, 2)), jnp.float32)
+    drift = AfterPrediction(Held(4))
+    made = generate(
+        crowd, DecoupledGuidance((APART,)), z0, jnp.eye(2), drift=drift, keep_path=True,
+        stops=jnp.array([0.0, 0.5, 2.0]), mask=jnp.array([True, True, False]),
+    )  # fmt: skip
+    moved = np.linalg.norm(np.diff(made.path, axis=0), axis=-1) > 0
+    before = np.asarray(made.trace.tau[:-1]) < 0.5
+    assert not moved[:, 0].any()
+    assert moved[before, 1].any()
+    assert not moved[~before, 1].any()
+    assert np.any(made.path[0, :2] != z0[:2])
+    np.testing.assert_array_equal(made.z[2], z0[2])  # absent
 
 
 def test_a_one_step_model_is_guided_with_one_evaluation():
@@ -311,6 +438,10 @@ def test_an_infinite_field_is_reported():
     assert not out.summary.hypotheses_hold
     assert np.all(np.asarray(out.summary.nan.drift) > 0.5)
     assert np.all(np.asarray(out.summary.nan.drift) < 0.7)
+    after = AfterPrediction(Extrapolated(4))
+    out = generate(broken, MIXED, jnp.ones((AGENTS, 2)), jnp.eye(2), drift=after)
+    assert not out.summary.hypotheses_hold
+    np.testing.assert_array_equal(out.summary.nan.drift, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -320,6 +451,8 @@ def test_an_infinite_field_is_reported():
         (lambda: Midpoint(5), "`evaluations` must be even, as each step takes two; got 5"),
         (lambda: Extrapolated(5, 4), "`order` must be 2 or 3; got 4"),
         (lambda: Held(5, power=0.0), "`power` must be positive"),
+        (lambda: ExtrapolatedEndpoint(5, 1), "`order` must be 2 or 3; got 1"),
+        (lambda: AfterPrediction(EveryStep()), "`prediction` must have steps of its own"),
     ],
 )
 def test_wrong_settings_are_refused(make, message):

@@ -6,7 +6,14 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .certificate import Certificate
     from .certification import Trajectory, certify, certify_batch, verdicts
-    from .drift import EveryStep, Extrapolated, Held, Midpoint
+    from .drift import (
+        AfterPrediction,
+        EveryStep,
+        Extrapolated,
+        ExtrapolatedEndpoint,
+        Held,
+        Midpoint,
+    )
     from .generation import Generation, generate, generate_batch, refined_grid
     from .guidance import (
         DecoupledGuidance,
@@ -34,7 +41,14 @@ __version__ = "0.1.0"
 _HOME = {
     "certificate": ("Certificate",),
     "certification": ("Trajectory", "certify", "certify_batch", "verdicts"),
-    "drift": ("EveryStep", "Extrapolated", "Held", "Midpoint"),
+    "drift": (
+        "AfterPrediction",
+        "EveryStep",
+        "Extrapolated",
+        "ExtrapolatedEndpoint",
+        "Held",
+        "Midpoint",
+    ),
     "generation": ("Generation", "generate", "generate_batch", "refined_grid"),
     "guidance": (
         "DecoupledGuidance",
@@ -62,10 +76,12 @@ __all__ = [
     "EULER",
     "HEUN",
     "RK4",
+    "AfterPrediction",
     "Certificate",
     "DecoupledGuidance",
     "EveryStep",
     "Extrapolated",
+    "ExtrapolatedEndpoint",
     "Fixed",
     "Generation",
     "Held",

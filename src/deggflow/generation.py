@@ -104,10 +104,11 @@ def generate(
     grid, starts = aligned(grid, drift.macro_grid())
     mask, stops = per_agent("mask", mask, z0, bool), per_agent("stops", stops, z0, z0.dtype)
     guided = GuidedField(field, guidance, drift, grid, condition, mask, stops)
+    z0 = guided.start(z0)
     state = guidance.init(z0, condition, mask)
     if guard is None or not guidance.names:
         generation = _fixed_steps(guided, state, z0, starts, solver, keep_trace, keep_path)
-        return _completed(generation, guidance, drift, solver, starts)
+        return _completed(generation, guidance, drift, solver)
     steps = GuardedSteps(grid, solver, guard, keep_trace, keep_path)
 
     def macro_step(carry: _Carry, interval: Interval, on: GuardedSteps) -> _Carry:
@@ -124,7 +125,7 @@ def generate(
     drift_state = drift.init(z0)
     sample = steps.start(guided.velocity(drift_state), state, z0, condition)
     end = _over_macro_steps(macro_step, (sample, drift_state), steps, starts)
-    return _completed(_generation(grid, end), guidance, drift, solver, starts)
+    return _completed(_generation(grid, end), guidance, drift, solver)
 
 
 def generate_batch(
@@ -158,18 +159,19 @@ def generate_batch(
     if guard is None or not guidance.names:
 
         def fixed(z0: States, inputs: _Inputs) -> Generation:
+            guided = guided_by(*inputs)
+            z0 = guided.start(z0)
             state = guidance.init(z0, *inputs[:2])
-            return _fixed_steps(
-                guided_by(*inputs), state, z0, starts, solver, keep_trace, keep_path
-            )
+            return _fixed_steps(guided, state, z0, starts, solver, keep_trace, keep_path)
 
-        return _completed(jax.vmap(fixed)(z0, inputs), guidance, drift, solver, starts)
+        return _completed(jax.vmap(fixed)(z0, inputs), guidance, drift, solver)
     steps = GuardedSteps(grid, solver, guard, keep_trace, keep_path)
 
     def start(z0: States, inputs: _Inputs) -> _Carry:
+        guided = guided_by(*inputs)
+        z0 = guided.start(z0)
         state, drift_state = guidance.init(z0, *inputs[:2]), drift.init(z0)
-        velocity = guided_by(*inputs).velocity(drift_state)
-        return steps.start(velocity, state, z0, inputs[0]), drift_state
+        return steps.start(guided.velocity(drift_state), state, z0, inputs[0]), drift_state
 
     def macro_step(carry: _Carry, interval: Interval, on: GuardedSteps) -> _Carry:
         def begin(inputs: _Inputs, drift_state: Any, z: States) -> Any:
@@ -186,7 +188,7 @@ def generate_batch(
 
     end = _over_macro_steps(macro_step, jax.vmap(start)(z0, inputs), steps, starts)
     batch = _generation(jnp.broadcast_to(grid, (len(z0), len(grid))), end)
-    return _completed(batch, guidance, drift, solver, starts)
+    return _completed(batch, guidance, drift, solver)
 
 
 _Inputs = tuple[Any, Mask, Float[Array, " agents"] | None]
@@ -224,14 +226,11 @@ def _completed(
     guidance: AbstractGuidance,
     drift: AbstractDrift,
     solver: RungeKutta,
-    starts: Int[Array, " macro_steps"],
 ) -> Generation:
     """With the numbers of the requirements under which it was generated, and those of field evaluations."""
     numbers = requirement_numbers(getattr(guidance, "requirements", ()))
     summary = generation.summary
-    evaluations = summary.work.evaluations * len(solver.weights)
-    if drift.step_evaluations:
-        evaluations = jnp.full_like(evaluations, drift.step_evaluations * len(starts))
+    evaluations = drift.field_evaluations(summary.work.evaluations * len(solver.weights))
     shape = *summary.points.shape, len(numbers)
     return generation._replace(
         summary=summary._replace(

@@ -36,6 +36,15 @@ class GuidedField(NamedTuple):
         """The field, whose value is checked."""
         return lambda tau, z: checked_drift(self.field(tau, z, self.condition), z)
 
+    def start(self, z0: States) -> States:
+        """Where the guided generation begins, from z(0); absent agents stay there."""
+
+        def present(tau: Scalar, z: States) -> States:
+            slope = self.nominal(tau, z)
+            return slope if self.mask is None else jnp.where(self.mask[:, None], slope, 0.0)
+
+        return self.drift.start(present, z0)
+
     def velocity(self, drift_state: Any) -> Velocity:
         """dz/dtau of the guided field, where the drift is in this state."""
 
