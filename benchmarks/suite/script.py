@@ -8,6 +8,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from deggflow import EveryStep
 from deggflow.tasks.tabletop.changes import random_conditions
 from deggflow.tasks.tabletop.condition import TabletopCondition, to_arrays
 from deggflow.tasks.tabletop.field import SPREAD, load_field
@@ -29,7 +30,7 @@ def script(patience: Patience, quick: bool) -> Iterator[Row]:
     field = load_field()
     paper = tabletop_guidance(POOLED, reanchored=False)
     ours = {
-        "fixed": TabletopGenerator(field, paper, guard=None),
+        "fixed": TabletopGenerator(field, paper, drift=EveryStep(), guard=None),
         "guarded": TabletopGenerator(field, tabletop_guidance()),
     }
     for batch in (1, 16) if quick else (1, 512):
@@ -105,7 +106,7 @@ def _apart_in_float64(batch: int) -> float:
             lambda leaf: leaf.astype(np.float64) if leaf.dtype == np.float32 else leaf, conditions
         )
         guidance = tabletop_guidance(POOLED, reanchored=False)
-        ours = TabletopGenerator(load_field(), guidance, guard=None)
+        ours = TabletopGenerator(load_field(), guidance, drift=EveryStep(), guard=None)
         z = noise.astype(np.float64)
         made = ours.draw(z, wide).z
         plain = plain_call(z, wide, ours.grid)()

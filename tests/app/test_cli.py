@@ -198,6 +198,12 @@ def test_bad_files_exit_with_2_in_one_line_and_touch_nothing(inside, tmp_path, n
         (("generate", "--size", "4", "--count", "0"), "--count must"),
         (("generate", "--size", "4", "--max-draws", "0"), "--max-draws must"),
         (("generate", "--size", "4", "--seed", "-1"), "--seed must"),
+        (
+            ("generate", "--size", "4", "--evaluations", "0"),
+            "--evaluations must lie in [1, 100]; got 0",
+        ),
+        (("generate", "--size", "4", "--guidance-phase", "later"), "guidance-phase"),
+        (("evaluate", "--evaluations", "101"), "--evaluations must lie in [1, 100]; got 101"),
         (("generate", "--conditions", "no.jsonl"), "no.jsonl: can't be read: No such file"),
         (("generate", "--size", "four"), "four"),
         (("generate", "--size", "4", "--guidance", "magic"), "magic"),
@@ -251,6 +257,32 @@ def test_a_trace_is_kept_with_every_requirement(inside, tmp_path):
     other = inside("tabletop", "generate", *arguments[:4], "--seed", 2, "--out", "s.jsonl")
     assert other.returncode == 2
     assert "begun with trace = true, not false" in other.stderr
+
+
+def test_evaluations_and_phase_of_a_run_are_those_it_was_begun_with(inside, tmp_path):
+    """They are needed to draw its scenes with their nominal twins, too."""
+    arguments = ("--size", 4, "--evaluations", 6, "--guidance-phase", "after")
+    made = inside("tabletop", "generate", *arguments, "--out", "s.jsonl")
+    assert made.returncode == 0, made.stderr
+    assert inside("tabletop", "certify", "s.jsonl").returncode == 0
+    other = inside("tabletop", "generate", *arguments[:4], "--out", "s.jsonl")
+    assert other.returncode == 2
+    assert "begun with guidance_phase = after, not during" in other.stderr
+    render = (
+        "tabletop",
+        "render",
+        "s.jsonl",
+        "--out",
+        "p",
+        "--nominal",
+        "--renderer",
+        "matplotlib",
+    )
+    assert inside(*render, *arguments[2:]).returncode == 0
+    assert (tmp_path / "p" / "scene_0001.png").exists()
+    other = inside(*render)
+    assert other.returncode == 2
+    assert "--evaluations and --guidance-phase" in other.stderr
 
 
 @pytest.mark.slow

@@ -13,6 +13,7 @@ import pytest
 
 from deggflow import (
     DecoupledGuidance,
+    EveryStep,
     Extrapolated,
     NoGuidance,
     PrivateRequirement,
@@ -430,7 +431,7 @@ def scenes():
 def test_the_tabletop_field_in_pytorch_generates_the_same_scenes(scenes):
     conditions, noise = scenes
     arrays = to_arrays(conditions)
-    nominal = TabletopGenerator(load_field()).batch(noise, conditions)
+    nominal = TabletopGenerator(load_field(), drift=EveryStep()).batch(noise, conditions)
     model = load_torch_field()
     given = {name: torch.from_numpy(np.array(one)) for name, one in scene_arrays(arrays).items()}
     z, grid = torch.from_numpy(noise.copy()), np.array(refined_grid())
@@ -444,5 +445,6 @@ def test_the_tabletop_field_in_pytorch_generates_the_same_scenes(scenes):
 def test_the_tabletop_field_in_pytorch_is_guided(scenes):
     conditions, noise = scenes[0][:6], scenes[1][:6]
     field = TorchField(load_torch_field(), extras=scene_arrays)
-    guided = TabletopGenerator(field, tabletop_guidance(), guard=None).batch(noise, conditions)
+    generator = TabletopGenerator(field, tabletop_guidance(), drift=EveryStep(), guard=None)
+    guided = generator.batch(noise, conditions)
     assert all(verdict.satisfied for verdict in judge(conditions, guided.poses))

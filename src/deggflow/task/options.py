@@ -2,13 +2,16 @@
 
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 from deggflow.jsonl import InputError
 
 MAX_COUNT = 1_000_000
 MAX_SEED = 2**31 - 1  # JAX's keys are made from 32-bit integers
 MAX_DRAWS = 10_000
+
+Phase = Literal["during", "after"]
+"""When guidance acts: throughout the generation, or after it, on the nominal sample."""
 
 
 def check_range(
@@ -88,7 +91,25 @@ class TrainOptions:
 
 
 @dataclass(frozen=True)
-class GenerateOptions:
+class FieldOptions:
+    """How often the field is evaluated, and when guidance acts.
+
+    Attributes:
+        evaluations: How often a generation evaluates the field.
+        guidance_phase: during: guidance acts throughout the generation; after: on the nominal sample at its end.
+    """
+
+    most_evaluations: ClassVar[int] = 100
+
+    evaluations: int = 16
+    guidance_phase: Phase = "during"
+
+    def __post_init__(self) -> None:
+        check_range("evaluations", self.evaluations, 1, self.most_evaluations)
+
+
+@dataclass(frozen=True)
+class GenerateOptions(FieldOptions):
     """What to generate, and how.
 
     Attributes:
@@ -112,6 +133,7 @@ class GenerateOptions:
     weights: Path | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         check_range("max-draws", self.max_draws, 1, MAX_DRAWS)
         check_range("seed", self.seed, 0, MAX_SEED)
 
@@ -142,7 +164,7 @@ class CertifyOptions:
 
 
 @dataclass(frozen=True)
-class EvaluateOptions:
+class EvaluateOptions(FieldOptions):
     """What to measure.
 
     Attributes:
@@ -160,6 +182,7 @@ class EvaluateOptions:
     weights: Path | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         check_range("seed", self.seed, 0, MAX_SEED)
         check_range("max-draws", self.max_draws, 1, MAX_DRAWS)
 
@@ -169,13 +192,15 @@ class EvaluateOptions:
             "command": f"{task} evaluate",
             "seed": self.seed,
             "max_draws": self.max_draws,
+            "evaluations": self.evaluations,
+            "guidance_phase": self.guidance_phase,
             "weights": weights,
         }
 
 
 @dataclass(frozen=True)
-class RenderOptions:
-    """What to draw of each result.
+class RenderOptions(FieldOptions):
+    """What to draw of each result; `evaluations` and `guidance_phase` are those it was generated with.
 
     Attributes:
         out: Folder that receives the pictures.

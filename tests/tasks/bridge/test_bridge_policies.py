@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from policy_cases import AGENTS, SCALES, K, T, at_rest, decoded, random_state
 
-from deggflow import Extrapolated
+from deggflow import AfterPrediction, Extrapolated, ExtrapolatedEndpoint
 from deggflow.tasks.bridge.condition import BridgeCondition, take
 from deggflow.tasks.bridge.field import load_field
-from deggflow.tasks.bridge.policies import Policies, PolicyGenerator, initial_noise
+from deggflow.tasks.bridge.policies import Policies, PolicyGenerator, initial_noise, rounded
 from deggflow.tasks.bridge.requirements import (
     bridge_guidance,
     bridge_requirements,
@@ -233,6 +233,28 @@ def test_noise_is_standard_normal():
     assert abs(noise.mean()) < 4 * spread
     assert abs(noise.var() - 1) < 4 * math.sqrt(2) * spread
     assert abs(np.mean(noise**4) - 3) < 4 * math.sqrt(96) * spread
+
+
+def test_policies_take_twelve_evaluations_by_default(field):
+    usual = PolicyGenerator(field, bridge_guidance(field.scales))
+    assert np.all(usual.batch(NOISE, BATCH).summary.work.field_evaluations == 12)
+    assert PolicyGenerator(field, steps=4).drift.evaluations == 4
+
+
+def test_guidance_after_a_prediction_moves_policies_less(field):
+    noise = NOISE[:, : BATCH.mask.shape[1]]
+    guidance, prediction = bridge_guidance(field.scales), ExtrapolatedEndpoint(12, power=1.5)
+    nominal = PolicyGenerator(field).draw(noise, rounded(BATCH)).z
+    during = PolicyGenerator(field, guidance).draw(noise, rounded(BATCH)).z
+    late = PolicyGenerator(field, guidance, drift=AfterPrediction(prediction))
+    found = late.batch(NOISE, BATCH)
+    np.testing.assert_array_equal(found.summary.work.field_evaluations, 12)
+    assert np.all(found.q_task <= found.bound)
+    assert np.all(found.q_safe <= 0)
+    after = late.draw(noise, rounded(BATCH)).z
+    assert np.sum((after - nominal) ** 2) < np.sum((during - nominal) ** 2)
+    still = PolicyGenerator(field, drift=AfterPrediction(prediction))
+    assert still.drift == prediction  # nominal policies are on their way, not at its end
 
 
 def test_few_evaluations_of_the_field_suffice(field):

@@ -56,7 +56,7 @@ def test_refused_draws_stand_in_a_file_one_a_line(field, tmp_path, capsys):
     """And what runs twice adds nothing that it has not done again."""
     out, failures = tmp_path / "rows.jsonl", tmp_path / "failures.jsonl"
     options = TabletopEvaluate(
-        sizes=(SIZE,), cases=CASES, seed=SEED, max_draws=DRAWS, failures=failures
+        sizes=(SIZE,), cases=CASES, seed=SEED, max_draws=DRAWS, failures=failures, evaluations=12
     )
 
     def run():

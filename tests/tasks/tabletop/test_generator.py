@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from deggflow import Extrapolated
+from deggflow import AfterPrediction, Extrapolated, ExtrapolatedEndpoint
 from deggflow.step_guard import StepGuard
 from deggflow.tasks.tabletop.changes import random_conditions
-from deggflow.tasks.tabletop.condition import SceneCondition
+from deggflow.tasks.tabletop.condition import SceneCondition, to_arrays
 from deggflow.tasks.tabletop.formats import parse_scene
 from deggflow.tasks.tabletop.generator import TabletopGenerator, initial_noise
 from deggflow.tasks.tabletop.oracle import least_margin, refutes
@@ -250,6 +250,28 @@ def test_reasons_tell_what_went_wrong_on_the_way(guided):
     assert not made.hypotheses_hold
     assert scene.certificate.reason.endswith(f"; on the way {made.first_failure}")
     assert scene.certificate.reason.startswith(scene.verdict().reason(IMPOSSIBLE.objects))
+
+
+def test_scenes_take_sixteen_evaluations_by_default(field):
+    wanted, noise = random_conditions(5, 4, "changed", SEED), initial_noise(SEED, np.arange(4), 0)
+    for generator in (TabletopGenerator(field), TabletopGenerator(field, tabletop_guidance())):
+        work = generator.draw(noise[:, :5], to_arrays(wanted, 5)).work
+        np.testing.assert_array_equal(work.field_evaluations, 16)
+    assert TabletopGenerator(field, steps=4).drift.evaluations == 4
+
+
+def test_guidance_after_a_prediction_moves_scenes_less(field):
+    wanted, noise = random_conditions(5, 16, "changed", SEED), initial_noise(SEED, np.arange(16), 0)
+    prediction = ExtrapolatedEndpoint(8)
+    nominal = TabletopGenerator(field, drift=prediction).batch(noise, wanted)
+    late = TabletopGenerator(field, tabletop_guidance(), drift=AfterPrediction(prediction))
+    after = late.batch(noise, wanted)
+    assert all(each.satisfied for each in judge(wanted, after.poses))
+    during = TabletopGenerator(field, tabletop_guidance(), drift=prediction).batch(noise, wanted)
+    assert np.sum((after.z - nominal.z) ** 2) < np.sum((during.z - nominal.z) ** 2)
+    path = late.path(noise[0], wanted[0])
+    assert np.abs(path[0] - nominal.poses[0]).max() < 1e-5
+    assert TabletopGenerator(field, drift=late.drift).drift == prediction
 
 
 def test_few_evaluations_of_the_field_suffice(field):

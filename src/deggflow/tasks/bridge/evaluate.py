@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from deggflow.drift import AbstractDrift
 from deggflow.statistics import Rate, Row
 
 from .condition import TrialCondition
@@ -90,11 +91,18 @@ def _refuted(name: str, trials: Sequence[Trial]) -> list[str]:
     return [f"{name} trial {k}: {text}" for k, text in enumerate(texts, start=1) if text]
 
 
-def evaluate(field: BridgeField, size: int, count: int, seed: int, max_draws: int) -> Evaluation:
+def evaluate(
+    field: BridgeField,
+    size: int,
+    count: int,
+    seed: int,
+    max_draws: int,
+    drift: AbstractDrift | None = None,
+) -> Evaluation:
     """Nominal and guided trials of one size, every outcome replayed by the oracle."""
     conditions = random_conditions(size, count, seed)
-    nominal = BridgeGenerator(field).trials(conditions, seed=seed)
-    guided = BridgeGenerator(field, bridge_guidance(field.scales)).trials(
+    nominal = BridgeGenerator(field, drift=drift).trials(conditions, seed=seed)
+    guided = BridgeGenerator(field, bridge_guidance(field.scales), drift=drift).trials(
         conditions, seed=seed, max_draws=max_draws
     )
     kinds = [failure_kind(trial.reason) for trial in nominal if trial.reason is not None]
@@ -151,12 +159,19 @@ def demonstrated(count: int, seed: int) -> list[Passes]:
     return ways
 
 
-def passes(field: BridgeField, source: str, count: int, seed: int, max_draws: int) -> list[Passes]:
+def passes(
+    field: BridgeField,
+    source: str,
+    count: int,
+    seed: int,
+    max_draws: int,
+    drift: AbstractDrift | None = None,
+) -> list[Passes]:
     """Paths from the symmetric start by one of `SOURCES`."""
     if source == "demonstrations":
         return demonstrated(count, seed)
     guidance = bridge_guidance(field.scales) if source == "guided" else None
-    generator = BridgeGenerator(field, guidance)
+    generator = BridgeGenerator(field, guidance, drift=drift)
     trials = generator.trials([SYMMETRIC] * count, seed=seed, max_draws=max_draws)
     return [Passes(trial.poses, trial.success) for trial in trials]
 

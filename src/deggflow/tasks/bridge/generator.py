@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deggflow.divergence import has_diverged
-from deggflow.drift import EVERY_STEP, AbstractDrift
+from deggflow.drift import AbstractDrift
 from deggflow.guidance import AbstractGuidance, NoGuidance
 from deggflow.redraw import Candidate, redraw_until_satisfied
 
@@ -159,7 +159,7 @@ class BridgeGenerator:
         *,
         steps: int = STEPS,
         power: float = POWER,
-        drift: AbstractDrift = EVERY_STEP,
+        drift: AbstractDrift | None = None,
         speed_limit: float | None = None,
     ) -> None:
         """One field, one guidance.
@@ -169,7 +169,7 @@ class BridgeGenerator:
             guidance: `NoGuidance()` if None.
             steps: Of `refined_grid`.
             power: Of `refined_grid`.
-            drift: How often the field is evaluated, as of `generate`.
+            drift: How often the field is evaluated, as of `generate`; 12 times if None.
             speed_limit: Of contact points (m/s); guided policies that exceed it are refused. Guidance that
                 leads there has it, too.
         """

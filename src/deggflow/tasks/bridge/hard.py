@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from deggflow.drift import AbstractDrift
 from deggflow.statistics import Rate, Row
 
 from .condition import TrialCondition
@@ -87,11 +88,16 @@ class HardPolicies(Row):
 
 
 def evaluate_hard(
-    field: BridgeField, size: int, states: int, seed: int, max_draws: int
+    field: BridgeField,
+    size: int,
+    states: int,
+    seed: int,
+    max_draws: int,
+    drift: AbstractDrift | None = None,
 ) -> HardPolicies:
     """Guided policies from hard states; each accepted one is replayed by the oracle."""
     starts = hard_starts(size, states, seed)
-    generator = BridgeGenerator(field, bridge_guidance(field.scales))
+    generator = BridgeGenerator(field, bridge_guidance(field.scales), drift=drift)
     policies = generator.single(starts, seed=seed, max_draws=max_draws)
     accepted = [each for each in policies if each.record.accepted]
     refused = [each for each in policies if not each.record.accepted]

@@ -2,10 +2,19 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 from deggflow.jsonl import InputError
 from deggflow.task import options
+
+
+@dataclass(frozen=True)
+class BridgeFieldOptions(options.FieldOptions):
+    """As of every task; a policy's grid has 50 steps."""
+
+    most_evaluations: ClassVar[int] = 50
+
+    evaluations: int = 12
 
 
 @dataclass(frozen=True)
@@ -33,7 +42,7 @@ class BridgeTrain(options.TrainOptions):
 
 
 @dataclass(frozen=True)
-class BridgeGenerate(options.GenerateOptions):
+class BridgeGenerate(BridgeFieldOptions, options.GenerateOptions):
     """Which trials are generated, and how.
 
     Attributes:
@@ -60,7 +69,7 @@ class BridgeGenerate(options.GenerateOptions):
 
 
 @dataclass(frozen=True)
-class BridgeEvaluate(options.EvaluateOptions):
+class BridgeEvaluate(BridgeFieldOptions, options.EvaluateOptions):
     """What is measured.
 
     Attributes:
@@ -91,7 +100,7 @@ class BridgeEvaluate(options.EvaluateOptions):
 
 
 @dataclass(frozen=True)
-class BridgeRender(options.RenderOptions):
+class BridgeRender(BridgeFieldOptions, options.RenderOptions):
     """What is drawn of each trial.
 
     Attributes:

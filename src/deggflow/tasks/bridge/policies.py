@@ -11,24 +11,39 @@ from jaxtyping import Array, Bool, Float, Int
 
 from deggflow.blocks import map_padded
 from deggflow.certificate import GenerationRecord
-from deggflow.drift import EVERY_STEP, AbstractDrift
+from deggflow.drift import AbstractDrift, AfterPrediction, ExtrapolatedEndpoint
 from deggflow.generation import Generation, generate, refined_grid
 from deggflow.guidance import AbstractGuidance, DecoupledGuidance, NoGuidance
 from deggflow.recording import record
 from deggflow.sampler import Sampler, numbered_noise
 from deggflow.shapes import States
 from deggflow.step_guard import StepGuard
+from deggflow.task import FieldOptions
 from deggflow.trace import Summary, Trace
 
 from .codec import decode_twists
 from .condition import BridgeCondition, Scales, take
 from .field import BridgeField
+from .options import BridgeFieldOptions
 from .requirements import final_values
 from .verdict import contact_speeds
 from .world import AGENT_DIM, EXECUTED, MAX_ROBOTS
 
 STEPS, POWER = 50, 1.0  # of the grid that policies are generated on
 GUARD = StepGuard()
+EVALUATIONS_POWER = 1.5  # of the grid on which the field is evaluated
+
+
+def few_evaluations(options: FieldOptions) -> AbstractDrift:
+    """The drift that options ask for; docs/bridge.md measures the choices."""
+    drift = ExtrapolatedEndpoint(options.evaluations, power=EVALUATIONS_POWER)
+    return AfterPrediction(drift) if options.guidance_phase == "after" else drift
+
+
+def default_drift(steps: int) -> AbstractDrift:
+    """That of the commands, with at most as many evaluations as steps."""
+    evaluations = min(BridgeFieldOptions.evaluations, steps)
+    return few_evaluations(BridgeFieldOptions(evaluations))
 
 
 class Policies(NamedTuple):
@@ -123,14 +138,16 @@ class PolicyGenerator:
         *,
         steps: int = STEPS,
         power: float = POWER,
-        drift: AbstractDrift = EVERY_STEP,
+        drift: AbstractDrift | None = None,
         guard: StepGuard | None = GUARD,
     ) -> None:
-        """Args: field: nominal field; guidance: `NoGuidance()` if None; steps, power: of `refined_grid`; drift, guard: of `generate`."""
-        self.field, self.grid, self.drift = field, refined_grid(steps, power), drift
+        """Args: field: nominal field; guidance: `NoGuidance()` if None; steps, power: of `refined_grid`; drift: of `generate`, 12 evaluations of the field if None; guard: of `generate`."""
+        self.field, self.grid = field, refined_grid(steps, power)
+        drift = default_drift(steps) if drift is None else drift
+        self.drift = drift.nominal if guidance is None else drift
         self.guidance = NoGuidance() if guidance is None else guidance
         self.guard = None if guidance is None else guard
-        self._sampler = Sampler(field, self.grid, self.guard, _generations, drift=drift)
+        self._sampler = Sampler(field, self.grid, self.guard, _generations, drift=self.drift)
         self._compiled: set[int] = set()
 
     def batch(

@@ -10,6 +10,7 @@ from .evaluate import SOURCES, Evaluation, Modes, Passes, count_modes, evaluate,
 from .field import BridgeField
 from .hard import HardPolicies, blocked_texts, evaluate_hard
 from .options import BridgeEvaluate
+from .policies import few_evaluations
 
 _FAILURES = {
     "plank_leaves": "plank leaves",
@@ -36,7 +37,10 @@ class SuccessEvaluation(AbstractEvaluation[Evaluation]):
 
     def _job(self, size: int) -> Callable[[], Evaluation]:
         options = self.options
-        return lambda: evaluate(self.field, size, options.trials, options.seed, options.max_draws)
+        drift = few_evaluations(options)
+        return lambda: evaluate(
+            self.field, size, options.trials, options.seed, options.max_draws, drift
+        )
 
     def tables(self, rows: Sequence[Evaluation]) -> list[Table | str]:
         """Success, failures of nominal trials, policies, and blocked or refuted trials."""
@@ -129,8 +133,9 @@ class HardEvaluation(AbstractEvaluation[HardPolicies]):
 
     def _job(self, size: int) -> Callable[[], HardPolicies]:
         options = self.options
+        drift = few_evaluations(options)
         return lambda: evaluate_hard(
-            self.field, size, options.hard, options.seed, options.max_draws
+            self.field, size, options.hard, options.seed, options.max_draws, drift
         )
 
     def tables(self, rows: Sequence[HardPolicies]) -> list[Table | str]:
@@ -184,7 +189,14 @@ class ModesEvaluation(AbstractEvaluation[Modes]):
         self.jobs = [self._job(source) for source in SOURCES]
         # A figure shows the trials that the rows count.
         self.paths: Callable[[str], list[Passes]] = cache(
-            lambda source: passes(field, source, options.modes, options.seed, options.max_draws)
+            lambda source: passes(
+                field,
+                source,
+                options.modes,
+                options.seed,
+                options.max_draws,
+                few_evaluations(options),
+            )
         )
 
     def _job(self, source: str) -> Callable[[], Modes]:

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple, cast
 
 from deggflow.consistency import Line, Wrong
+from deggflow.drift import AbstractDrift
 from deggflow.flow import Field
 from deggflow.task import (
     AbstractGenerator,
@@ -26,6 +27,7 @@ from .generator import BridgeGenerator, Round
 from .model import BridgeModel
 from .options import OPTIONS, BridgeEvaluate, BridgeGenerate
 from .oracle import fastest_contact, refutation
+from .policies import few_evaluations
 from .report import HardEvaluation, ModesEvaluation, SuccessEvaluation, evaluation_of
 from .requirements import bridge_guidance
 from .scenes import random_conditions
@@ -56,13 +58,17 @@ class TrialStream(AbstractGenerator[TrialCondition, Trial]):
 
 
 def trial_generator(
-    field: BridgeField, *, guided: bool = True, speed_limit: float | None = None
+    field: BridgeField,
+    *,
+    guided: bool = True,
+    speed_limit: float | None = None,
+    drift: AbstractDrift | None = None,
 ) -> BridgeGenerator:
     """The generator of the commands: the default guidance, with a speed limit in m/s if there is one, or none."""
     if not guided:
-        return BridgeGenerator(field)
+        return BridgeGenerator(field, drift=drift)
     guidance = bridge_guidance(field.scales, speed_limit=speed_limit)
-    return BridgeGenerator(field, guidance, speed_limit=speed_limit)
+    return BridgeGenerator(field, guidance, drift=drift, speed_limit=speed_limit)
 
 
 class _Replayed(NamedTuple):
@@ -105,7 +111,12 @@ class BridgeTask(AbstractTask[TrialCondition, Trial]):
         """Trials with the default guidance and a speed limit, or without any."""
         limit = cast(BridgeGenerate, options).speed_limit
         return TrialStream(
-            trial_generator(cast(BridgeField, field), guided=options.guided, speed_limit=limit)
+            trial_generator(
+                cast(BridgeField, field),
+                guided=options.guided,
+                speed_limit=limit,
+                drift=few_evaluations(options),
+            )
         )
 
     def fails(self, row: Line, *, guided: bool) -> bool:

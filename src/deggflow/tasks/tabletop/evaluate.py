@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deggflow.certificate import Certificate
+from deggflow.drift import AbstractDrift
 from deggflow.flow import Field
 from deggflow.statistics import Rate, Row
 
@@ -91,6 +92,7 @@ def evaluate(
     seed: int,
     max_draws: int,
     *,
+    drift: AbstractDrift | None = None,
     on_failure: Callable[[Failure], None] = _nobody,
 ) -> Evaluation:
     """Nominal and guided scenes of random cases, every claim checked by Shapely.
@@ -98,7 +100,8 @@ def evaluate(
     `on_failure` is called with every guided draw that its verdict refuses.
     """
     conditions = random_conditions(size, cases, requirements, seed)
-    nominal = TabletopGenerator(field).batch(initial_noise(seed, np.arange(cases), 0), conditions)
+    noise = initial_noise(seed, np.arange(cases), 0)
+    nominal = TabletopGenerator(field, drift=drift).batch(noise, conditions)
     default = [replace(c, requirements={}, balance=None, given=None) for c in conditions]
     first: list[Certificate] = []
 
@@ -108,7 +111,7 @@ def evaluate(
         if not scene.certificate.satisfied:
             on_failure(Failure(number, scene))
 
-    guided = TabletopGenerator(field, tabletop_guidance()).scenes(
+    guided = TabletopGenerator(field, tabletop_guidance(), drift=drift).scenes(
         conditions, seed=seed, max_draws=max_draws, on_draw=look
     )
     claimed = [scene for scene in guided if scene.certificate.satisfied]
@@ -157,13 +160,14 @@ def compare(
     *,
     allocation: str,
     reanchored: bool,
+    drift: AbstractDrift | None = None,
 ) -> Comparison:
     """First draws of one guidance with fixed steps, so that only the guidance differs."""
     conditions = random_conditions(size, cases, requirements, seed)
     noise = initial_noise(seed, np.arange(cases), 0)
     guidance = tabletop_guidance(ALLOCATIONS[allocation], reanchored=reanchored)
-    nominal = TabletopGenerator(field).batch(noise, conditions)
-    guided = TabletopGenerator(field, guidance, guard=None).batch(noise, conditions)
+    nominal = TabletopGenerator(field, drift=drift).batch(noise, conditions)
+    guided = TabletopGenerator(field, guidance, drift=drift, guard=None).batch(noise, conditions)
     verdicts = judge(conditions, guided.poses)
     return Comparison(
         size,

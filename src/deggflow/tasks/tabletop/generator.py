@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 
 from deggflow.certificate import Certificate, GenerationRecord
 from deggflow.divergence import REASON
-from deggflow.drift import EVERY_STEP, AbstractDrift
+from deggflow.drift import AbstractDrift, AfterPrediction, ExtrapolatedEndpoint
 from deggflow.flow import Field
 from deggflow.generation import DEFAULT_STEPS, Generation, refined_grid
 from deggflow.guidance import AbstractGuidance, DecoupledGuidance, NoGuidance
@@ -18,6 +18,7 @@ from deggflow.recording import record
 from deggflow.redraw import Candidate, redraw_until_satisfied
 from deggflow.sampler import Sampler, masked_sample, numbered_noise
 from deggflow.step_guard import StepGuard
+from deggflow.task import FieldOptions
 from deggflow.trace import Summary, Trace
 
 from .codec import decode_exactly
@@ -30,6 +31,17 @@ from .verdict import Poses
 
 MAX_DRAWS = 8
 GUARD = StepGuard()
+
+
+def few_evaluations(options: FieldOptions) -> AbstractDrift:
+    """The drift that options ask for; docs/guidance.md measures the choices."""
+    drift = ExtrapolatedEndpoint(options.evaluations)
+    return AfterPrediction(drift) if options.guidance_phase == "after" else drift
+
+
+def default_drift(steps: int) -> AbstractDrift:
+    """That of the commands, with at most as many evaluations as steps."""
+    return few_evaluations(FieldOptions(min(FieldOptions.evaluations, steps)))
 
 
 class Batch(NamedTuple):
@@ -62,7 +74,7 @@ class TabletopGenerator:
         *,
         steps: int = DEFAULT_STEPS,
         power: float = 2.0,
-        drift: AbstractDrift = EVERY_STEP,
+        drift: AbstractDrift | None = None,
         guard: StepGuard | None = GUARD,
     ) -> None:
         """One field, one guidance.
@@ -72,14 +84,16 @@ class TabletopGenerator:
             guidance: `NoGuidance()` if None.
             steps: Of `refined_grid`.
             power: Of `refined_grid`.
-            drift: How often the field is evaluated, as of `generate`.
+            drift: How often the field is evaluated, as of `generate`; 16 times if None.
             guard: Of guided steps; None: fixed steps.
         """
-        self.field, self.steps, self.power, self.drift = field, steps, power, drift
+        self.field, self.steps, self.power = field, steps, power
+        drift = default_drift(steps) if drift is None else drift
+        self.drift = drift.nominal if guidance is None else drift
         self.grid = refined_grid(steps, power)
         self.guidance = NoGuidance() if guidance is None else guidance
         self.guard = None if guidance is None else guard
-        self._sampler = Sampler(field, self.grid, self.guard, drift=drift)
+        self._sampler = Sampler(field, self.grid, self.guard, drift=self.drift)
 
     def guidance_for(self, condition: SceneCondition) -> AbstractGuidance:
         """The guidance, with the shared requirement on the centre of mass if the condition asks for it."""

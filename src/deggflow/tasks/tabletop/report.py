@@ -9,6 +9,7 @@ from deggflow.flow import Field
 from deggflow.task import AbstractEvaluation, Table
 
 from .evaluate import ALLOCATIONS, Comparison, Evaluation, Failure, compare, evaluate
+from .generator import few_evaluations
 from .options import TabletopEvaluate
 
 
@@ -32,7 +33,7 @@ class SuccessEvaluation(AbstractEvaluation[Evaluation]):
             refused: list[Failure] = []
             row = evaluate(
                 self.field, size, family, options.cases, options.seed, options.max_draws,
-                on_failure=refused.append,
+                drift=few_evaluations(options), on_failure=refused.append,
             )  # fmt: skip
             if options.failures is not None:
                 with options.failures.open("a") as lines:
@@ -89,7 +90,7 @@ class SuccessEvaluation(AbstractEvaluation[Evaluation]):
                 for row in rows
             ],
             "hypotheses hold: rows feasible and V below its limit at every accepted point of the first draw; contradicted: the "
-            "hypotheses hold, but the verdict refuses the scene; evaluations: of the guided field (101 for 100 steps and the end).",
+            "hypotheses hold, but the verdict refuses the scene; evaluations: of the guidance (101 for 100 steps and the end), not of the field.",
         )  # fmt: skip
 
     def complete(self, rows: Sequence[Evaluation]) -> bool:
@@ -116,7 +117,7 @@ class AllocationComparison(AbstractEvaluation[Comparison]):
         options = self.options
         return lambda: compare(
             self.field, size, family, options.cases, options.seed,
-            allocation=allocation, reanchored=reanchored,
+            allocation=allocation, reanchored=reanchored, drift=few_evaluations(options),
         )  # fmt: skip
 
     def tables(self, rows: Sequence[Comparison]) -> list[Table]:

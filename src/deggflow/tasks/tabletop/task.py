@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any, cast
 
 from deggflow.consistency import Line, Wrong
+from deggflow.drift import AbstractDrift
 from deggflow.flow import Field
 from deggflow.task import (
     AbstractGenerator,
@@ -22,7 +23,7 @@ from .changes import random_conditions
 from .condition import SceneCondition
 from .consistency import UNVERIFIED, contradictions, holds, other_condition
 from .formats import parse_condition, parse_scene
-from .generator import TabletopGenerator
+from .generator import TabletopGenerator, few_evaluations
 from .large import is_large, make_scenes
 from .library import MAX_LARGE, MAX_OBJECTS
 from .model import TabletopModel
@@ -50,9 +51,11 @@ class SceneStream(AbstractGenerator[SceneCondition, Scene]):
         yield make_scenes(self.generator, conditions, **run._asdict(), keep_trace=self.keep_trace)
 
 
-def scene_generator(field: Field, *, guided: bool = True) -> TabletopGenerator:
+def scene_generator(
+    field: Field, *, guided: bool = True, drift: AbstractDrift | None = None
+) -> TabletopGenerator:
     """The generator of the commands: the default guidance, or none."""
-    return TabletopGenerator(field, tabletop_guidance() if guided else None)
+    return TabletopGenerator(field, tabletop_guidance() if guided else None, drift=drift)
 
 
 class TabletopTask(AbstractTask[SceneCondition, Scene]):
@@ -88,7 +91,9 @@ class TabletopTask(AbstractTask[SceneCondition, Scene]):
     def generator(self, field: Field, options: GenerateOptions) -> SceneStream:
         """Scenes with the default guidance, or without any."""
         keep_trace = cast(TabletopGenerate, options).trace
-        return SceneStream(scene_generator(field, guided=options.guided), keep_trace=keep_trace)
+        drift = few_evaluations(options)
+        generator = scene_generator(field, guided=options.guided, drift=drift)
+        return SceneStream(generator, keep_trace=keep_trace)
 
     def fails(self, row: Line, *, guided: bool) -> bool:
         """Whether the certificate says that a requirement is missed."""

@@ -16,7 +16,7 @@ from deggflow.tasks.bridge.evaluate import SOURCES
 from deggflow.tasks.bridge.field import BridgeField
 from deggflow.tasks.bridge.generator import BridgeGenerator
 from deggflow.tasks.bridge.options import BridgeEvaluate, BridgeRender
-from deggflow.tasks.bridge.policies import initial_noise
+from deggflow.tasks.bridge.policies import few_evaluations, initial_noise
 from deggflow.tasks.bridge.report import ModesEvaluation
 from deggflow.tasks.bridge.task import trial_generator
 from deggflow.tasks.bridge.trial import Trial
@@ -46,13 +46,17 @@ class BridgePictures(AbstractPictures[Trial]):
         generator, trial, options = None, request.result, request.options
         if options.nominal or options.curves:
             field = cast(BridgeField, request.field())
-            generator = self._generator(field, trial.certificate.speed_limit)
+            generator = self._generator(field, trial.certificate.speed_limit, options)
         yield from write_pictures(trial, request.number, options, generator, request.on_note)
 
-    def _generator(self, field: BridgeField, speed_limit: float | None) -> BridgeGenerator:
+    def _generator(
+        self, field: BridgeField, speed_limit: float | None, options: BridgeRender
+    ) -> BridgeGenerator:
         """Compiled once for each speed limit that a file's trials have."""
         if speed_limit not in self._generators:
-            self._generators[speed_limit] = trial_generator(field, speed_limit=speed_limit)
+            self._generators[speed_limit] = trial_generator(
+                field, speed_limit=speed_limit, drift=few_evaluations(options)
+            )
         return self._generators[speed_limit]
 
     def draw_evaluation(self, evaluation: AbstractEvaluation[Any], options: BridgeEvaluate) -> None:
@@ -80,7 +84,7 @@ def regenerate(generator: BridgeGenerator, trial: Trial, line: int) -> list[Brid
         return again.conditions
     raise InputError(
         "can't be generated again from its seed and line; --nominal and --curves need the file as "
-        "`generate --guidance degg` wrote it, and the same --weights"
+        "`generate --guidance degg` wrote it, and the same --weights, --evaluations and --guidance-phase"
     )
 
 
@@ -123,7 +127,7 @@ def write_pictures(
 
 def _twin(generator: BridgeGenerator, trial: Trial, line: int) -> Trial:
     """The nominal trial from the same start and z(0)."""
-    nominal = BridgeGenerator(generator.policies.field)
+    nominal = BridgeGenerator(generator.policies.field, drift=generator.policies.drift)
     return nominal.trials([trial.condition], seed=trial.seed, first=line - 1)[0]
 
 

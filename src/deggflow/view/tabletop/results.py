@@ -7,11 +7,12 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from deggflow.drift import aligned
 from deggflow.files import write_atomically
 from deggflow.jsonl import InputError
 from deggflow.task import AbstractEvaluation, AbstractPictures, PictureRequest
 from deggflow.tasks.tabletop.condition import SceneCondition
-from deggflow.tasks.tabletop.generator import TabletopGenerator, initial_noise
+from deggflow.tasks.tabletop.generator import TabletopGenerator, few_evaluations, initial_noise
 from deggflow.tasks.tabletop.large import is_large, large_scenes_like
 from deggflow.tasks.tabletop.options import TabletopRender
 from deggflow.tasks.tabletop.scene import Scene
@@ -49,13 +50,19 @@ def regenerate(generator: TabletopGenerator, scene: Scene, line: int) -> Generat
         # rounding can grow to centimetres.
         if np.abs(guided[-1] - scene.poses).mean() < SAME_PLACE:
             guided[-1] = scene.poses
-            nominal = _path(TabletopGenerator(generator.field), scene, line - 1, number)
-            return Generations(nominal, guided, generator.grid.tolist())
+            nominal = _path(_nominal(generator), scene, line - 1, number)
+            grid, _ = aligned(generator.grid, generator.drift.macro_grid())
+            return Generations(nominal, guided, grid.tolist())
     raise InputError(
         "can't be generated again from its seed and line; --nominal and --video need the file as "
-        "`generate --guidance degg` wrote it, and the same --weights",
+        "`generate --guidance degg` wrote it, and the same --weights, --evaluations and --guidance-phase",
         line=line,
     )
+
+
+def _nominal(generator: TabletopGenerator) -> TabletopGenerator:
+    """The generator of the nominal scenes from the same z(0)."""
+    return TabletopGenerator(generator.field, drift=generator.drift)
 
 
 def _path(generator: TabletopGenerator, scene: Scene, number: int, drawn: int) -> list[Poses]:
@@ -74,7 +81,8 @@ class TabletopPictures(AbstractPictures[Scene]):
         generations, scene = None, request.result
         options: TabletopRender = request.options
         if options.nominal or options.video:
-            generations = regenerate(scene_generator(request.field()), scene, request.number)
+            generator = scene_generator(request.field(), drift=few_evaluations(options))
+            generations = regenerate(generator, scene, request.number)
         yield from write_pictures(
             scene, options.out / f"scene_{request.number:04d}.png", options.renderer, generations,
             nominal=options.nominal, video=options.video, mjcf=options.mjcf,

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from deggflow.drift import EVERY_STEP, AbstractDrift
+from deggflow.drift import AbstractDrift
 from deggflow.field import MessagePassingField
 from deggflow.generation import DEFAULT_STEPS, Generation, refined_grid
 from deggflow.guidance import (
@@ -29,6 +29,7 @@ from deggflow.tasks.tabletop.generator import (
     MAX_DRAWS,
     Batch,
     TabletopGenerator,
+    default_drift,
     judged,
 )
 from deggflow.tasks.tabletop.margins import LABELS
@@ -102,12 +103,14 @@ class LargeSceneGenerator:
         guided: bool = True,
         *,
         grid: Float[Array, " points"] | None = None,
-        drift: AbstractDrift = EVERY_STEP,
+        drift: AbstractDrift | None = None,
         guard: StepGuard | None = GUARD,
     ) -> None:
-        """Args: field: the tabletop's nominal field; guided: else nominal; grid: 130 steps if None; drift: of `generate`; guard: of guided steps."""
-        self.field, self.guided, self.drift = field, guided, drift
+        """Args: field: the tabletop's nominal field; guided: else nominal; grid: 130 steps if None; drift: of `generate`, 16 evaluations of the field if None; guard: of guided steps."""
+        self.field, self.guided = field, guided
         self.grid = refined_grid(_steps(DEFAULT_STEPS)) if grid is None else grid
+        drift = default_drift(len(self.grid) - 1) if drift is None else drift
+        self.drift = drift if guided else drift.nominal
         self.guard = guard if guided else None
 
     def scene(
