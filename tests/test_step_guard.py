@@ -132,6 +132,16 @@ def test_a_stiff_factor_is_kept_where_fixed_steps_break_it():
     assert np.all(np.asarray(ends[1])[kept] <= 0)
 
 
+def test_after_a_refusal_steps_grow_by_doubling():
+    """A length that was accepted is where the next step starts: of two long stretches, about every second try is accepted."""
+    guidance = DecoupledGuidance((SharedRequirements((SharedFactor(wall),)),))
+    out = batch(guidance, StepGuard(64), 2)
+    refused = np.asarray(out.work.refused_steps)
+    accepted = np.asarray(out.summary.points)
+    assert refused.max() > 8
+    assert np.all(refused <= accepted + 6)
+
+
 def test_a_sample_in_a_batch_is_what_it_is_alone():
     """Its clock is its own: up to rounding, nothing depends on the samples beside it."""
     guidance = DecoupledGuidance((SharedRequirements((SharedFactor(wall),)),))

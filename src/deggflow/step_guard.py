@@ -1,7 +1,7 @@
 """Step acceptance: after each step the discrete values are compared with the theorem's bounds.
 
-A step that ends above a limit is halved, from where it began, with the slope that is known there; after a
-few halvings between two grid points it is taken and counted, and the requirement is told. Every sample has its own
+A step that ends above a limit is halved, from where it began, with the slope that is known there; an accepted one may be
+followed by one twice as long. After a few halvings between two grid points it is taken and counted, and the requirement is told. Every sample has its own
 clock: a batch goes on while one sample is halved, and the few that are not done when most are go on by themselves.
 """
 
@@ -54,6 +54,7 @@ class SampleProgress(NamedTuple):
         proposed_z: State there.
         goal: Index of the next grid point; beyond the grid where the sample is done.
         left: Halvings left before that point.
+        largest_size: Size in tau of the next step at most: half of a refused one, and twice that of the last accepted after it.
         refused_size: Size in tau of the first refused step before the next grid point.
         unexpected: How much faster values rose in that step than their slopes said.
         state: Of the guidance.
@@ -71,6 +72,7 @@ class SampleProgress(NamedTuple):
     proposed_z: Float[Array, "agents dim"]
     goal: Int[Array, ""]
     left: Int[Array, ""]
+    largest_size: Float[Array, ""]
     refused_size: Float[Array, ""]
     unexpected: Float[Array, " rows"]
     state: Any
@@ -110,7 +112,8 @@ class GuardedSteps(NamedTuple):
         return SampleProgress(
             tau=tau, z=z0, slope=jnp.zeros_like(z0), value=row, value_slope=row,
             proposed_tau=tau, proposed_z=z0, goal=none,
-            left=jnp.asarray(self.guard.halvings, jnp.int32), refused_size=jnp.zeros_like(tau),
+            left=jnp.asarray(self.guard.halvings, jnp.int32),
+            largest_size=jnp.full_like(tau, jnp.inf), refused_size=jnp.zeros_like(tau),
             unexpected=row, state=state,
             trace=trace if self.keep_trace else None,
             path=jnp.zeros((points, *z0.shape), z0.dtype) if self.keep_path else None,
@@ -160,7 +163,11 @@ class GuardedSteps(NamedTuple):
         z = jnp.where(accept, at.proposed_z, at.z)
         slope = jnp.where(accept, slope, at.slope)
         ahead = self.grid[jnp.minimum(goal, points - 1)]
-        after = jnp.where(refuse, tau + size / 2, ahead)
+        largest_size = jnp.where(refuse, size / 2, jnp.where(accept, 2.0, 1.0) * at.largest_size)
+        rest = ahead - tau
+        # Of a rest that takes more than one step, the last is no shorter than the one before.
+        part = jnp.minimum(largest_size, rest / 2)
+        after = jnp.where(rest > largest_size, tau + part, ahead)
         proposed_z = self.solver.step(
             lambda t, x: velocity(state, goal - 1, t, x)[1], tau, z, slope, after - tau
         )
@@ -175,6 +182,7 @@ class GuardedSteps(NamedTuple):
             proposed_z=proposed_z,
             goal=goal,
             left=jnp.where(reached, self.guard.halvings, at.left - refuse),
+            largest_size=largest_size,
             refused_size=jnp.where(first_refusal, size, at.refused_size),
             unexpected=jnp.where(first_refusal, unexpected, at.unexpected),
             state=state,
