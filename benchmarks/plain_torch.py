@@ -10,10 +10,10 @@ import numpy as np
 import torch
 
 BUFFER = 0.02  # m, delta of the hinge
+DIAGONAL = 0.5**0.5
 ANGLE_SCALE = 1.35  # rad per unit of z
 RHO, KAPPA = 0.75, 1.15
 OMEGA_START, OMEGA_SLOPE = 0.1, 1.8
-ABSENT = 1e3  # m, margin of what doesn't exist
 
 
 class Parts(NamedTuple):
@@ -98,57 +98,69 @@ def point_distance(region: Placed, box: Placed) -> torch.Tensor:
     return outside + torch.maximum(gap_x, gap_y).clamp(max=0) - box.radius
 
 
-def one_way(a: Placed, b: Placed) -> tuple[torch.Tensor, torch.Tensor]:
-    """Least squared distance of b's vertices to a, and the gap along a's axes."""
+def corners(box: Placed, cos: torch.Tensor, sin: torch.Tensor):
+    """From the centre of a box with this heading to its corners, m."""
+    for side_x in (1, -1):
+        for side_y in (1, -1):
+            x = side_x * box.half_x * cos - side_y * box.half_y * sin
+            yield x, side_x * box.half_x * sin + side_y * box.half_y * cos
+
+
+def hinge(amount: torch.Tensor) -> torch.Tensor:
+    """Squared, where positive."""
+    return amount.clamp(min=0) ** 2
+
+
+def one_way(a: Placed, b: Placed, reach: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Squared hinges of b's corners near a, and along the better of a's axes."""
     dx, dy = b.x - a.x, b.y - a.y
     u, v = a.cos * dx + a.sin * dy, a.cos * dy - a.sin * dx
     cos, sin = a.cos * b.cos + a.sin * b.sin, a.cos * b.sin - a.sin * b.cos
-    squares = []
-    for side_x in (1, -1):
-        for side_y in (1, -1):
-            along = u + side_x * b.half_x * cos - side_y * b.half_y * sin
-            across = v + side_x * b.half_x * sin + side_y * b.half_y * cos
-            out_x = (along.abs() - a.half_x).clamp(min=0)
-            out_y = (across.abs() - a.half_y).clamp(min=0)
-            squares.append(out_x**2 + out_y**2)
-    gap_x = u.abs() - a.half_x - (b.half_x * cos).abs() - (b.half_y * sin).abs()
-    gap_y = v.abs() - a.half_y - (b.half_x * sin).abs() - (b.half_y * cos).abs()
-    return torch.stack(squares).amin(dim=0), torch.maximum(gap_x, gap_y)
+    near, along, across = 0.0, 0.0, 0.0
+    for x, y in corners(b, cos, sin):
+        out_x = ((u + x).abs() - a.half_x).clamp(min=0)
+        out_y = ((v + y).abs() - a.half_y).clamp(min=0)
+        near = near + hinge(reach - (out_x**2 + out_y**2).clamp(min=1e-12).sqrt())
+        along = along + hinge(DIAGONAL * reach + a.half_x - u.abs() - x)
+        across = across + hinge(DIAGONAL * reach + a.half_y - v.abs() - y)
+    return near, torch.minimum(along, across)
 
 
-def box_distance(a: Placed, b: Placed) -> torch.Tensor:
-    """Signed distance of boxes, in m: exact where they are apart, else the depth along the best axis."""
-    (near_a, gap_a), (near_b, gap_b) = one_way(a, b), one_way(b, a)
-    near, gap = torch.minimum(near_a, near_b), torch.maximum(gap_a, gap_b)
-    apart = (gap > 0) & (near > 0)
-    outside = torch.where(apart, near, 1.0).sqrt()
-    return torch.where(apart, outside, gap.clamp(max=0)) - a.radius - b.radius
+def between_boxes(a: Placed, b: Placed) -> torch.Tensor:
+    """V of two boxes: sums over corners, and where they overlap over the best axis; a point is one corner."""
+    reach = a.radius + b.radius + BUFFER
+    (near_a, along_a), (near_b, along_b) = one_way(a, b, reach), one_way(b, a, reach)
+    dot_a, dot_b = ((box.half_x <= 0) & (box.half_y <= 0) for box in (a, b))
+    near = torch.where(dot_a, near_b / 4, near_a + near_b)
+    along = torch.where(dot_a, along_b / 4, torch.minimum(along_a, along_b))
+    along = torch.where(dot_b, along_a / 4, along)
+    return torch.where(dot_b, near_a / 4, near) / 2 + torch.where(dot_a & dot_b, 0.0, along)
 
 
-def walls(box: Placed, half: torch.Tensor) -> torch.Tensor:
-    """How far boxes stay inside the table, of shape (scenes, parts, 2), in m."""
-    cos, sin = box.cos.abs(), box.sin.abs()
-    x = half[:, :1] - box.x.abs() - box.half_x * cos - box.half_y * sin - box.radius
-    y = half[:, 1:] - box.y.abs() - box.half_x * sin - box.half_y * cos - box.radius
-    return torch.stack([x, y], dim=-1)
+def at_walls(box: Placed, half: torch.Tensor) -> torch.Tensor:
+    """V of parts at the table's edges, of shape (scenes, parts)."""
+    total = 0.0
+    for x, y in corners(box, box.cos, box.sin):
+        total = total + hinge((box.x + x).abs() + box.radius + BUFFER - half[:, :1])
+        total = total + hinge((box.y + y).abs() + box.radius + BUFFER - half[:, 1:])
+    return total / torch.where((box.half_x <= 0) & (box.half_y <= 0), 8, 2)
 
 
 def violations(z: torch.Tensor, scenes: Scenes) -> torch.Tensor:
-    """V_i of every object, (scenes, agents): half the squared hinges of its margins."""
+    """V_i of every object, (scenes, agents)."""
     objects, regions = scenes.objects, scenes.regions
     boxes, disks = place(objects, z, scenes.half), place(regions, z, scenes.half)
     disk, box = pairs(disks, boxes)
-    free = point_distance(disk, box) - disk.radius
+    free = hinge(BUFFER + disk.radius - point_distance(disk, box)) / 2
     amounts = 0.0
-    for parts, between, inside in (
-        (objects, box_distance(*pairs(boxes, boxes)), walls(boxes, scenes.half)),
-        (regions, free, walls(disks, scenes.half)),
+    for parts, between, walls in (
+        (objects, between_boxes(*pairs(boxes, boxes)), at_walls(boxes, scenes.half)),
+        (regions, free, at_walls(disks, scenes.half)),
     ):
         counts = parts.owner[:, :, None] != objects.owner[:, None]
         counts = counts & parts.valid[:, :, None] & objects.valid[:, None]
-        inside = torch.where(parts.valid[..., None], inside, ABSENT)
-        margins = torch.cat([torch.where(counts, between, ABSENT), inside], dim=-1)
-        each = ((BUFFER - margins).clamp(min=0) ** 2).sum(dim=-1) / 2
+        each = torch.where(counts, between, 0.0).sum(dim=-1)
+        each = each + torch.where(parts.valid, walls, 0.0)
         amounts = amounts + torch.zeros_like(z[..., 0]).scatter_add(1, parts.owner, each)
     return amounts
 

@@ -45,7 +45,7 @@ class AbstractMargins(eqx.Module):
 
     @abc.abstractmethod
     def violation(self, z: States, condition: Any, buffer: float) -> AgentValues:
-        """V_j = sum_k max(buffer - h_jk, 0)^2 / 2 over all margins; zero for absent agents."""
+        """V_j >= sum_k max(buffer - h_jk, 0)^2 / 2, and zero where that is zero; zero for absent agents."""
 
     @abc.abstractmethod
     def violation_and_gradient(

@@ -2,14 +2,17 @@
 
 import copy
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from deggflow.tasks.tabletop.condition import Affordance, Balance, SceneCondition
+from deggflow.tasks.tabletop.condition import Affordance, Balance, SceneCondition, take, to_arrays
 from deggflow.tasks.tabletop.consistency import contradictions, other_condition
 from deggflow.tasks.tabletop.formats import parse_scene
 from deggflow.tasks.tabletop.library import object_type
-from deggflow.tasks.tabletop.verdict import judge
+from deggflow.tasks.tabletop.margins import TABLETOP
+from deggflow.tasks.tabletop.verdict import BUFFER, judge
 
 OBJECTS = ("laptop", "pen_cup", "teacup")
 POSES = np.array([[-0.25, 0.1, 0.0], [0.35, 0.15, 0.3], [0.1, -0.25, 1.0]])
@@ -66,11 +69,21 @@ def scene(poses=POSES, balance=None, made=True):
             mass = np.array([object_type(name).mass for name in OBJECTS])
             away = mass @ poses[:, :2] / mass.sum() - [circle.x, circle.y]
             q = (away @ away / circle.radius**2 - 1) / 2
-        line["certificate"]["generation"] = record(verdict.violation, q)
+        line["certificate"]["generation"] = record(guidance_violation(poses), q)
         failure = line["certificate"]["generation"]["first_failure"]
         if failure is not None:
             line["certificate"]["reason"] += f"; on the way {failure}"
     return line
+
+
+def guidance_violation(poses):
+    """V as a generation records it."""
+    arrays = take(to_arrays([SceneCondition(OBJECTS)]), 0)
+    z = np.zeros((len(arrays.mask), 3), np.float32)
+    z[: len(poses)] = poses / [0.70, 0.47, 1.35]
+    return float(
+        jnp.sum(TABLETOP.violation(jnp.asarray(z), jax.tree.map(jnp.asarray, arrays), BUFFER))
+    )
 
 
 def said(line):

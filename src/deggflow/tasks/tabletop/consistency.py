@@ -14,6 +14,7 @@ from .condition import SceneCondition
 from .formats import parse_scene
 from .library import object_type
 from .oracle import refutes
+from .recorded import recorded_violation
 from .scene import Scene
 from .verdict import Verdict
 
@@ -74,7 +75,7 @@ def _contradictions(certificate: Line, scene: Scene, verdict: Verdict) -> Iterat
         field = "certificate.generation"
         yield from consistency.check_generation(generation, field, names, scene.condition.objects)
         if certificate["reason"] != DIVERGED:
-            yield from _values(generation, field, scene, verdict)
+            yield from _values(generation, field, scene)
 
 
 def _reasons(scene: Scene, verdict: Verdict, generation: Line | None) -> list[str]:
@@ -86,14 +87,15 @@ def _reasons(scene: Scene, verdict: Verdict, generation: Line | None) -> list[st
     return [reason, *([DIVERGED] if (scene.poses == beyond).all() else [])]
 
 
-def _values(generation: Line, field: str, scene: Scene, verdict: Verdict) -> Iterator[Wrong]:
+def _values(generation: Line, field: str, scene: Scene) -> Iterator[Wrong]:
     """The values at z(1) against those of the poses."""
     for k, row in enumerate(generation["requirements"]):
         place, value = f"{field}.requirements[{k}].value", row["value"]
         if row["name"] == "affordance":
-            exact = _length(verdict.violation)
+            violation = recorded_violation(scene.condition, scene.poses)
+            exact = _length(violation)
             if not abs(_length(value) - exact) <= SINGLE * (1 + exact) or value < 0:
-                yield Wrong(place, f"is not V of the scene, {verdict.violation:.6g} m^2")
+                yield Wrong(place, f"is not V of the scene, {violation:.6g} m^2")
         if row["name"] == "balance" and scene.condition.balance is not None:
             circle, away = scene.condition.balance, _off_balance(scene)
             if not abs(circle.radius * math.sqrt(max(2 * value + 1, 0.0)) - away) <= SINGLE * (

@@ -30,7 +30,9 @@ from .settled import judge_generated
 from .verdict import Poses
 
 MAX_DRAWS = 8
-GUARD = StepGuard()
+GUARD = StepGuard(
+    halvings=16
+)  # V is smooth enough for shorter steps to be accepted, and few scenes need any
 
 
 def few_evaluations(options: FieldOptions) -> AbstractDrift:

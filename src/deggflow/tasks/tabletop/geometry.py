@@ -43,9 +43,10 @@ class RoundedBox(NamedTuple):
         return RoundedBox(*(jnp.expand_dims(field, axis) for field in self))
 
 
-def _in_frame(
+def in_frame(
     frame: RoundedBox, x: Float[Array, "..."], y: Float[Array, "..."]
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """Points in a box's own frame, m."""
     dx, dy = x - frame.x, y - frame.y
     return frame.cos * dx + frame.sin * dy, frame.cos * dy - frame.sin * dx
 
@@ -59,7 +60,7 @@ def point_distance(
     x: Float[Array, "..."], y: Float[Array, "..."], box: RoundedBox
 ) -> Float[Array, "..."]:
     """Signed distance of points to rounded boxes, in m; negative inside."""
-    u, v = _in_frame(box, x, y)
+    u, v = in_frame(box, x, y)
     gap_x, gap_y = size(u) - box.half_x, size(v) - box.half_y
     out_x, out_y = larger(gap_x, 0.0), larger(gap_y, 0.0)
     square = out_x**2 + out_y**2
@@ -69,7 +70,7 @@ def point_distance(
 
 def _one_way(a: RoundedBox, b: RoundedBox) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
     """Least squared distance of b's core vertices to a's core, and the gap along a's two axes."""
-    u, v = _in_frame(a, b.x, b.y)
+    u, v = in_frame(a, b.x, b.y)
     cos = a.cos * b.cos + a.sin * b.sin
     sin = a.cos * b.sin - a.sin * b.cos
     ux, uy = b.half_x * cos, b.half_y * sin
@@ -101,7 +102,7 @@ def box_distance(a: RoundedBox, b: RoundedBox) -> Float[Array, "..."]:
 
 def separating_gap(a: RoundedBox, b: RoundedBox) -> Float[Array, "..."]:
     """Largest gap along the four face normals minus the radii, in m: a cheap lower bound of the distance."""
-    (u, v), (p, q) = _in_frame(a, b.x, b.y), _in_frame(b, a.x, a.y)
+    (u, v), (p, q) = in_frame(a, b.x, b.y), in_frame(b, a.x, a.y)
     cos = size(a.cos * b.cos + a.sin * b.sin)
     sin = size(a.cos * b.sin - a.sin * b.cos)
     gap_a = larger(

@@ -19,7 +19,8 @@ from deggflow.shapes import Scalar
 
 from .codec import decode, place
 from .condition import Parts, TabletopCondition
-from .geometry import RoundedBox, box_distance, larger, point_distance, wall_margins
+from .geometry import RoundedBox, box_distance, point_distance, wall_margins
+from .hinges import box_violation, hinge_violation, wall_violation
 from .pairs import Pairs, between, pick, total, within
 
 ABSENT = 1e3  # m, margin of a requirement that does not exist (padding, an object with itself)
@@ -56,6 +57,12 @@ def _picked(index: Int[np.ndarray, " pairs"], boxes: RoundedBox) -> RoundedBox:
     return RoundedBox(*(pick(index, field) for field in boxes))
 
 
+def _free(regions: RoundedBox, bodies: RoundedBox, pairs: Pairs) -> Float[Array, "pairs *samples"]:
+    """Signed distance of regions to bodies, m."""
+    region, obstacle = _picked(pairs.first, regions), _picked(pairs.second, bodies)
+    return point_distance(region.x, region.y, obstacle) - region.radius
+
+
 def _walls(
     box: RoundedBox, valid: Bool[Array, "parts *samples"], condition: TabletopCondition
 ) -> Float[Array, "2 parts *samples"]:
@@ -72,8 +79,7 @@ def scene_margins(z: Float[Array, "agents 3 *samples"], condition: TabletopCondi
     separation = box_distance(
         _picked(pairs.bodies.first, placed), _picked(pairs.bodies.second, placed)
     )
-    region, obstacle = _picked(pairs.regions.first, required), _picked(pairs.regions.second, placed)
-    free = point_distance(region.x, region.y, obstacle) - region.radius
+    free = _free(required, placed, pairs.regions)
     return Margins(
         jnp.where(_between_owners(bodies, bodies, pairs.bodies), separation, ABSENT),
         jnp.where(_between_owners(regions, bodies, pairs.regions), free, ABSENT),
@@ -132,16 +138,21 @@ class TabletopMargins(AbstractMargins):
         condition: TabletopCondition,
         buffer: float,
     ) -> Float[Array, "agents *samples"]:
-        """V_i of each agent, in m^2."""
-        hinge = Margins(
-            *(larger(buffer - margin, 0.0) ** 2 / 2 for margin in scene_margins(z, condition))
-        )
-        (first, second), regions = ScenePairs.of(condition)
-        of_primitives, of_regions = hinge.object_wall.sum(axis=0), hinge.region_wall.sum(axis=0)
+        """V_i of each agent, in m^2: at least sum_k max(buffer - h_ik, 0)^2 / 2, zero where that is zero, without convex kinks."""
+        pose, (apart, around) = decode(z, condition), ScenePairs.of(condition)
+        bodies, regions = condition.primitives, condition.regions
+        placed, required = place(bodies, pose), place(regions, pose)
+        half = jnp.asarray(condition.half_width)[None], jnp.asarray(condition.half_depth)[None]
+        between = box_violation(_picked(apart.first, placed), _picked(apart.second, placed), buffer)
+        between = jnp.where(_between_owners(bodies, bodies, apart), between, 0.0)
+        free = hinge_violation(_free(required, placed, around), buffer)
+        free = jnp.where(_between_owners(regions, bodies, around), free, 0.0)
+        of_primitives = jnp.where(bodies.valid, wall_violation(placed, *half, buffer), 0.0)
+        of_regions = jnp.where(regions.valid, wall_violation(required, *half, buffer), 0.0)
         size = len(of_primitives)
-        of_primitives += total(first, hinge.separation, size)
-        of_primitives += total(second, hinge.separation, size)
-        of_regions += total(regions.first, hinge.unobstructed, len(of_regions))
+        of_primitives += total(apart.first, between, size)
+        of_primitives += total(apart.second, between, size)
+        of_regions += total(around.first, free, len(of_regions))
         return _to_agents(of_primitives, condition.primitives) + _to_agents(
             of_regions, condition.regions
         )

@@ -10,7 +10,8 @@ from deggflow.shapes import Scalar
 
 from .codec import ANGLE_SCALE
 from .condition import TabletopCondition
-from .margins import TABLETOP, least_margin
+from .geometry import larger
+from .margins import least_margin, scene_margins
 
 LEVER_ARM = (
     0.1  # m, converts between radians and metres, as positions and headings share one step size
@@ -28,11 +29,17 @@ def random_states(key: PRNGKeyArray, condition: TabletopCondition) -> Float[Arra
 def relax(
     z: Float[Array, "agents 3"], condition: TabletopCondition, clearance: float
 ) -> Float[Array, "agents 3"]:
-    """Gradient steps on the violation of one scene with a buffer of `clearance` m."""
+    """Gradient steps on half the squared hinges of all margins with a buffer of `clearance` m, one scene."""
     scale = jnp.stack(
         [condition.half_width, condition.half_depth, jnp.asarray(ANGLE_SCALE * LEVER_ARM)]
     )
-    gradient = jax.grad(lambda state: TABLETOP.violation(state, condition, clearance).sum())
+
+    def violation(state: Float[Array, "agents 3"]) -> Scalar:
+        margins = scene_margins(state, condition)
+        hinges = [jnp.sum(larger(clearance - margin, 0.0) ** 2) / 2 for margin in margins]
+        return hinges[0] + sum(hinges)  # a separation counts for both objects
+
+    gradient = jax.grad(violation)
 
     def step(_: Int[Array, ""], state: Float[Array, "agents 3"]) -> Float[Array, "agents 3"]:
         return state - STEP * gradient(state) / scale[None] ** 2

@@ -50,9 +50,7 @@ from .margins import LargeSceneMargins
 
 HEARD, BESIDE = 32, 12  # neighbours for which field and requirements have room
 CROWDS = (1, 2, 4)  # times that room, tried in turn where it does not do
-# Some of many pairs always stand at a kink, where V rises for any step: nothing is gained by refusing the step of a
-# whole large scene. Its steps are shorter from the start.
-GUARD = StepGuard(halvings=0)
+GUARD = StepGuard(halvings=16)
 SHORTER = 1.3  # steps of a large scene to those of a table
 
 

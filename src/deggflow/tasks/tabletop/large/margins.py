@@ -17,10 +17,10 @@ from deggflow.shapes import Scalar
 from deggflow.tasks.tabletop.geometry import (
     RoundedBox,
     box_distance,
-    larger,
     point_distance,
     wall_margins,
 )
+from deggflow.tasks.tabletop.hinges import box_violation, hinge_violation, wall_violation
 from deggflow.tasks.tabletop.margins import ABSENT
 
 from .condition import LargeSceneCondition, LargeSceneParts, decode, place
@@ -41,6 +41,30 @@ def between_neighbours(
     z: Float[Array, "agents 3"], condition: LargeSceneCondition, slots: int
 ) -> NeighbourMargins:
     """All margins that can bind at the state z, with room for `slots` neighbours of each part."""
+    pairs = _pairs_of(z, condition, slots)
+    beside, around, bodies, regions = pairs
+    separation = box_distance(bodies.expand(1), _of_neighbours(bodies, beside))
+    return NeighbourMargins(
+        jnp.where(_both(condition.bodies, beside), separation, ABSENT),
+        jnp.where(_both(condition.regions, around), _free(pairs), ABSENT),
+        _walls(bodies, condition.bodies, condition),
+        _walls(regions, condition.regions, condition),
+        beside,
+        around,
+    )
+
+
+class _Pairs(NamedTuple):
+    """Who is near whom, and where everything stands."""
+
+    beside: Neighbours  # of the bodies, each pair once
+    around: Neighbours  # of the regions
+    bodies: RoundedBox
+    regions: RoundedBox
+
+
+def _pairs_of(z: Float[Array, "agents 3"], condition: LargeSceneCondition, slots: int) -> _Pairs:
+    """Who is near enough for a requirement to bind."""
     pose = decode(z, condition)
     bodies, regions = place(condition.bodies, pose), place(condition.regions, pose)
     owners = condition.bodies.owner
@@ -55,16 +79,13 @@ def between_neighbours(
         condition.region_reach, slots,
         lambda found: owners[found] != condition.regions.owner[:, None],
     )  # fmt: skip
-    separation = box_distance(bodies.expand(1), _of_neighbours(bodies, beside))
-    free = point_distance(regions.x[:, None], regions.y[:, None], _of_neighbours(bodies, around))
-    return NeighbourMargins(
-        jnp.where(_both(condition.bodies, beside), separation, ABSENT),
-        jnp.where(_both(condition.regions, around), free - regions.radius[:, None], ABSENT),
-        _walls(bodies, condition.bodies, condition),
-        _walls(regions, condition.regions, condition),
-        beside,
-        around,
-    )
+    return _Pairs(beside, around, bodies, regions)
+
+
+def _free(pairs: _Pairs) -> Float[Array, "regions slots"]:
+    """Signed distance of regions to the bodies around them, m."""
+    regions, bodies = pairs.regions.expand(1), _of_neighbours(pairs.bodies, pairs.around)
+    return point_distance(regions.x, regions.y, bodies) - regions.radius
 
 
 def _of_neighbours(boxes: RoundedBox, found: Neighbours) -> RoundedBox:
@@ -112,25 +133,28 @@ class LargeSceneMargins(AbstractMargins):
     def violation(
         self, z: Float[Array, "agents 3"], condition: LargeSceneCondition, buffer: float
     ) -> Float[Array, " agents"]:
-        """V_i = sum_k max(buffer - h_ik, 0)^2 / 2 (paper: Task 2), in m^2, of every object."""
-        margins = between_neighbours(z, condition, self.slots)
+        """V_i of every object, in m^2, as on a table."""
+        pairs = _pairs_of(z, condition, self.slots)
+        beside, around, bodies, regions = pairs
         agents = len(condition.mask)
-
-        def hinge(margin: Float[Array, "..."]) -> Float[Array, "..."]:
-            return larger(buffer - margin, 0.0) ** 2 / 2
-
-        between = hinge(margins.separation)
-        other = condition.bodies.owner[margins.beside.who]
-        own = jnp.sum(between, axis=1) + jnp.sum(hinge(margins.body_wall), axis=0)
-        free = jnp.sum(hinge(margins.unobstructed), axis=1)
-        free = free + jnp.sum(hinge(margins.region_wall), axis=0)
+        between = box_violation(bodies.expand(1), _of_neighbours(bodies, beside), buffer)
+        between = jnp.where(_both(condition.bodies, beside), between, 0.0)
+        free = hinge_violation(_free(pairs), buffer)
+        free = jnp.where(_both(condition.regions, around), free, 0.0)
+        half = condition.half_width, condition.half_depth
+        at_walls = [
+            jnp.where(parts.valid, wall_violation(boxes, *half, buffer), 0.0)
+            for boxes, parts in ((bodies, condition.bodies), (regions, condition.regions))
+        ]
+        other = condition.bodies.owner[beside.who]
+        own, free = jnp.sum(between, axis=1) + at_walls[0], jnp.sum(free, axis=1) + at_walls[1]
         total = (
             jnp.zeros(agents, z.dtype)
             .at[condition.bodies.owner].add(own)
             .at[condition.regions.owner].add(free)
             .at[other].add(between)
         )  # fmt: skip
-        missed = margins.beside.missed | margins.around.missed
+        missed = beside.missed | around.missed
         # A separation counts for both objects (twice in V), though each pair is looked at once.
         return jnp.where(missed, jnp.nan, total)
 
