@@ -30,8 +30,8 @@ from deggflow.train import (
 PROGRAM = """
 import sys
 from pathlib import Path
-sys.path.insert(0, {tests!r})
-from test_train import run
+sys.path.insert(0, {root!r})
+from {module} import run
 run(Path(sys.argv[1]), lambda curve: print(curve.step, flush=True))
 """
 CONFIG = TrainingConfig(steps=400, batch=16, warmup=20, validate_every=20, average=0.9, seed=3)
@@ -276,9 +276,9 @@ def flip(key, x1, condition):
         ({"field": number(scales=(1.0, 3.0))}, "`field.scales[1]` is 3.0 here, 2.0 in the run"),
         ({"field": number(scales=(1.0,))}, "`field.scales[1]` is absent here, 2.0 in the run"),
         ({"field": number(act=jax.numpy.tanh)}, "`field.act` is jax.numpy.tanh here, jax.silu in"),
-        ({"loss": other_loss}, "`loss` is test_train.other_loss here, test_train.target in the"),
-        ({"loss": partial(target, aim=3.0)}, "`loss` is functools.partial here, test_train.t"),
-        ({"augment": flip}, "`augment` is test_train.flip here, None in the run"),
+        ({"loss": other_loss}, f"`loss` is {__name__}.other_loss here, {__name__}.target in the"),
+        ({"loss": partial(target, aim=3.0)}, f"`loss` is functools.partial here, {__name__}.t"),
+        ({"augment": flip}, f"`augment` is {__name__}.flip here, None in the run"),
         ({"config": shorter(10, batch=5)}, "`batch` is 5 here, 4 in the run that was begun in"),
         ({"config": shorter(10, seed=1)}, "`seed` is 1 here, 0 in the run that was begun in this"),
         ({"identity": {"size": {"width": 9}, "sizes": (4, 5)}}, "`size.width` is 9 here, 8 in the"),
@@ -318,7 +318,7 @@ def test_data_of_the_same_shapes_are_told_apart_by_content(begun):
 def test_functions_are_named_alike_in_every_process(begun):
     """Neither addresses in memory nor private modules, which move between releases."""
     field = json.loads((begun / "config.json").read_text())["field"]
-    assert field["field"] == "test_train.Number"
+    assert field["field"] == f"{__name__}.Number"
     assert field["field.act"] == "jax.silu"
     assert field["field.leaky"] == "functools.partial"
     assert field["field.leaky.func"] == "jax.leaky_relu"
@@ -348,7 +348,7 @@ OLD = {"steps": 40, "batch": 4, "average": 0.9, "validate_every": 10}
         (("segments", [10, 10]), "field `segments[1]`: must lie in [11, "),
         (("segments", [5]), "field `segments`: ends at 5, but there is a checkpoint of step 10"),
         (("data", None), "field `data`: must be a JSON object; got null"),
-        (("field", {}), "`field` is test_train.Number here, absent in the run"),
+        (("field", {}), f"`field` is {__name__}.Number here, absent in the run"),
         (("extra", 1), "field `extra`: unknown key"),
     ],
 )
@@ -542,7 +542,7 @@ def test_the_loss_falls(tmp_path):
 @pytest.mark.slow
 def test_killed_training_resumes_to_the_same_weights(tmp_path):
     """SIGKILL three times at random moments, then to the end."""
-    program = PROGRAM.format(tests=str(Path(__file__).parent))
+    program = PROGRAM.format(root=str(Path(__file__).parents[1]), module=__name__)
     rng = np.random.default_rng(0)
 
     def start(folder):

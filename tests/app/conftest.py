@@ -6,15 +6,27 @@ import sys
 from functools import partial
 from types import SimpleNamespace
 
+import jax
 import pytest
 
 from deggflow.app.cli import main
+from deggflow.tasks.tabletop.field import build_field
+from deggflow.weights import save_weights
 
 
 @pytest.fixture(scope="session")
 def environment(compiled_programs):
     """Compiled programs are shared between the processes of the tests, and with nobody else."""
     return {**os.environ, "DEGGFLOW_CACHE": str(compiled_programs)}
+
+
+@pytest.fixture(scope="session")
+def small_weights(tmp_path_factory):
+    """A small untrained field of the tabletop, for what holds of any field."""
+    path = tmp_path_factory.mktemp("weights") / "field.safetensors"
+    sizes = {"width": 8, "rounds": 1, "head_width": 8}
+    save_weights(path, build_field(jax.random.key(0), **sizes), {"architecture": sizes})
+    return path
 
 
 @pytest.fixture(scope="session")

@@ -59,7 +59,7 @@ def test_results_go_to_stdout_and_repeat(deggflow, inside):
     assert len([json.loads(line) for line in first.stdout.splitlines()]) == 3
 
 
-def test_damaged_compiled_programs_are_told_once_and_renewed(environment, tmp_path):
+def test_damaged_compiled_programs_are_told_once_and_renewed(environment, tmp_path, small_weights):
     cache = tmp_path / "cache"
     environment = {**environment, "DEGGFLOW_CACHE": str(cache)}
 
@@ -74,6 +74,8 @@ def test_damaged_compiled_programs_are_told_once_and_renewed(environment, tmp_pa
             "2",
             "--guidance",
             "none",
+            "--weights",
+            small_weights,
         ]
         return subprocess.run(
             command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
@@ -286,8 +288,11 @@ def test_evaluations_and_phase_of_a_run_are_those_it_was_begun_with(inside, tmp_
 
 
 @pytest.mark.slow
-def test_a_killed_generation_loses_no_line_and_ends_the_same(deggflow, inside, tmp_path):
-    arguments = ("tabletop", "generate", "--size", 4, "--count", 1100, "--guidance", "none")
+def test_a_killed_generation_loses_no_line_and_ends_the_same(
+    deggflow, inside, tmp_path, small_weights
+):
+    arguments = ("tabletop", "generate", "--size", 4, "--count", 1100, "--weights", small_weights)
+    arguments = (*arguments, "--guidance", "none")
     assert inside(*arguments, "--out", "whole.jsonl").returncode == 0
     rng, out = np.random.default_rng(0), tmp_path / "killed.jsonl"
     before = b""
