@@ -59,7 +59,7 @@ def test_results_go_to_stdout_and_repeat(deggflow, inside):
     assert len([json.loads(line) for line in first.stdout.splitlines()]) == 3
 
 
-def test_damaged_compiled_programs_are_told_once_and_renewed(environment, tmp_path, small_weights):
+def test_damaged_compiled_programs_are_told_once_and_renewed(environment, tmp_path):
     cache = tmp_path / "cache"
     environment = {**environment, "DEGGFLOW_CACHE": str(cache)}
 
@@ -74,8 +74,6 @@ def test_damaged_compiled_programs_are_told_once_and_renewed(environment, tmp_pa
             "2",
             "--guidance",
             "none",
-            "--weights",
-            small_weights,
         ]
         return subprocess.run(
             command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
