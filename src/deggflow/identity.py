@@ -78,15 +78,15 @@ def _of_array(value: Any) -> Iterator[bytes]:
 def _of_function(value: FunctionType, depth: int) -> Iterator[bytes]:
     yield value.__qualname__.encode()
     yield from _of_code(value.__code__)
-    inside = [value.__defaults__, *(value.__kwdefaults__ or {}).values()]
+    contents = [value.__defaults__, *(value.__kwdefaults__ or {}).values()]
     for cell in value.__closure__ or ():
         try:
-            inside.append(cell.cell_contents)
+            contents.append(cell.cell_contents)
         except ValueError:  # not assigned yet
             continue
-    named = (value.__globals__.get(name) for name in value.__code__.co_names)
+    global_values = (value.__globals__.get(name) for name in value.__code__.co_names)
     plain = bool | int | float | complex | str | np.ndarray | jax.Array
-    for each in (*inside, *(one for one in named if isinstance(one, plain))):
+    for each in (*contents, *(one for one in global_values if isinstance(one, plain))):
         yield from _parts(each, depth)
 
 

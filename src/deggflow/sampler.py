@@ -96,8 +96,8 @@ class Sampler:
 
         def block(rows: Int[np.ndarray, " samples"]) -> Generation:
             program = self._alone if len(rows) == 1 else self._together
-            picked = jnp.asarray(z0[rows]), jax.tree.map(lambda leaf: leaf[rows], conditions)
-            return program(guidance, *picked, *self._how, keep_trace)
+            inputs = jnp.asarray(z0[rows]), jax.tree.map(lambda leaf: leaf[rows], conditions)
+            return program(guidance, *inputs, *self._how, keep_trace)
 
         kind = z0.shape[1], keep_trace, guidance.names
         generation = map_padded(block, len(z0), compiled=kind in self._known)

@@ -63,9 +63,9 @@ def rates_over_size(series: Sequence[RateSeries], *, seen: int) -> Figure:
     step = 0.45 / max(len(series), 1)  # of the markers beside each other
     for k, each in enumerate(series):
         shift = (k - (len(series) - 1) / 2) * step
-        ordered = sorted((int(size), rate) for size, rate in each.rates.items())
-        x = np.array([size + shift for size, _ in ordered])
-        _draw(axes, each, x, [rate for _, rate in ordered], vertical=True)
+        points = sorted((int(size), rate) for size, rate in each.rates.items())
+        x = np.array([size + shift for size, _ in points])
+        _draw(axes, each, x, [rate for _, rate in points], vertical=True)
     axes.axvspan(seen + 0.5, sizes[-1] + 0.6, color="#F1F1F1", zorder=0, linewidth=0)
     axes.text(
         (seen + 0.5 + sizes[-1] + 0.6) / 2, 105.5, "unseen in training", color="#6A6A6A",
@@ -86,10 +86,10 @@ def rates_by_name(series: Sequence[RateSeries]) -> Figure:
     figure, (axes,) = new_figure(1.2 + 0.36 * len(names), width=COLUMN)
     step = 0.62 / max(len(series), 1)
     for k, each in enumerate(series):
-        known = {str(name): rate for name, rate in each.rates.items()}
+        rates = {str(name): rate for name, rate in each.rates.items()}
         shift = (k - (len(series) - 1) / 2) * step
-        places = np.array([names.index(name) + shift for name in known])
-        _draw(axes, each, places, list(known.values()), vertical=False)
+        places = np.array([names.index(name) + shift for name in rates])
+        _draw(axes, each, places, list(rates.values()), vertical=False)
     axes.set_yticks(range(len(names)), names)
     axes.set(ylim=(len(names) - 0.5, -0.5), xlim=(0, 104), xlabel="success (%)")
     axes.tick_params(axis="y", length=0)

@@ -167,7 +167,7 @@ def _mujoco_draws(renderer: RendererName) -> bool:
 @cache
 def gl_problem() -> str | None:
     """Why MuJoCo cannot render in this process, in one line; None if it can."""
-    chosen = os.environ.get("MUJOCO_GL", "")
+    backend = os.environ.get("MUJOCO_GL", "")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # GLFW warns on stderr before MuJoCo raises
         # Libraries, drivers and displays fail in many ways, from ImportError to mujoco.FatalError.
@@ -178,7 +178,7 @@ def gl_problem() -> str | None:
             # First line only: some of these messages run over a page.
             text = " ".join(str(error).splitlines()[:1]) or type(error).__name__
             problem = f"MUJOCO_GL={os.environ.get('MUJOCO_GL', '')}: {text}"
-            os.environ["MUJOCO_GL"] = chosen  # with a choice that fails, MuJoCo cannot be imported
+            os.environ["MUJOCO_GL"] = backend  # with a choice that fails, MuJoCo cannot be imported
             return problem
     return None
 

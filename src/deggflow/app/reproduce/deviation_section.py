@@ -206,8 +206,8 @@ def _heading_shares() -> tuple[float, float]:
     """The headings' share of the training scenes' variance, in z and in poses."""
     lengths = TABLE_WIDTH / 2, TABLE_DEPTH / 2, ANGLE_SCALE * TURN_LENGTH
     squares = [each**2 for each in SPREAD]
-    scaled = [(each * length) ** 2 for each, length in zip(SPREAD, lengths, strict=True)]
-    return squares[2] / sum(squares), scaled[2] / sum(scaled)
+    pose_squares = [(each * length) ** 2 for each, length in zip(SPREAD, lengths, strict=True)]
+    return squares[2] / sum(squares), pose_squares[2] / sum(pose_squares)
 
 
 def _theorem_text(theorem: Mapping[int, Mapping[str, Any]]) -> str:

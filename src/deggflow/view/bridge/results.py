@@ -110,19 +110,19 @@ def write_pictures(
         on_note(f"Trial {line} is shown from its contact points on: {around.lacking}.")
     twin = _twin(generator, trial, line) if options.nominal and generator is not None else None
     path = options.out / f"trial_{line:04d}.png"
-    written = [path]
+    paths = [path]
     save_png(path, _building(trial, twin, around._replace(drive=None), options.renderer))
     process = assemble(trial, around) if options.process or options.video else None
     if options.process and process is not None:
-        written.append(path.with_stem(f"{path.stem}_process"))
-        save_png(written[-1], snapshots(process, renderer=options.renderer))
+        paths.append(path.with_stem(f"{path.stem}_process"))
+        save_png(paths[-1], snapshots(process, renderer=options.renderer))
     if options.video and process is not None:
-        written.append(path.with_suffix(".mp4"))
+        paths.append(path.with_suffix(".mp4"))
         left = None if twin is None else assemble(twin, around)
-        write_process_video(written[-1], process, left=left, renderer=options.renderer)
+        write_process_video(paths[-1], process, left=left, renderer=options.renderer)
     if options.curves and generator is not None and conditions is not None:
-        written += _draw_curves(generator, trial, line, conditions, path, on_note)
-    return written
+        paths += _draw_curves(generator, trial, line, conditions, path, on_note)
+    return paths
 
 
 def _twin(generator: BridgeGenerator, trial: Trial, line: int) -> Trial:
@@ -180,14 +180,14 @@ def _draw_curves(
     if last < 0:
         on_note(f"Trial {line} has no policies, so it has no curves.")
         return []
-    chosen = sorted({0, last // 2, last})
-    courses = [_titled_course(generator, trial, line, conditions[k], k) for k in chosen]
-    written = []
+    numbers = sorted({0, last // 2, last})
+    courses = [_titled_course(generator, trial, line, conditions[k], k) for k in numbers]
+    paths = []
     for row, name, label in ((0, "task", r"$q_\mathrm{task}$"), (1, "safe", r"$q_\mathrm{safe}$")):
-        shown = [
+        panels = [
             BoundPanel(title, c.tau, c.value[:, row], c.bound[:, row], c.bound[-1, row])
             for title, c in courses
         ]
-        written.append(path.with_stem(f"{path.stem}_q_{name}"))
-        draw_bounds(written[-1], shown, ylabel=label)
-    return written
+        paths.append(path.with_stem(f"{path.stem}_q_{name}"))
+        draw_bounds(paths[-1], panels, ylabel=label)
+    return paths

@@ -73,10 +73,10 @@ def write_process_video(
     """
     processes = [process] if left is None else [left, process]
     shot = Shot(width, height, camera, renderer, VIDEO_OVERSAMPLING)
-    with ExitStack() as opened:
+    with ExitStack() as stages:
         sides = []
         for each in processes:
-            stage = opened.enter_context(closing(bridge_stage(each, shot)))
+            stage = stages.enter_context(closing(bridge_stage(each, shot)))
             sides.append(_Side(each, stage))
         write_frames(path, _frames(sides, titles, on_frame), fps)
 
@@ -86,10 +86,10 @@ def _frames(
 ) -> Iterator[UInt8[np.ndarray, "rows columns 3"]]:
     total = max(len(side.process.stage) for side in sides)
     columns = [_column(side, total) for side in sides]
-    for done, images in enumerate(zip(*columns, strict=True), start=1):
+    for count, images in enumerate(zip(*columns, strict=True), start=1):
         yield even(frame(images, titles))
         if on_frame is not None:
-            on_frame(done, total)
+            on_frame(count, total)
 
 
 def _column(side: _Side, total: int) -> Iterator[UInt8[np.ndarray, "rows width 3"]]:

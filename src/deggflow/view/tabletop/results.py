@@ -65,11 +65,11 @@ def _nominal(generator: TabletopGenerator) -> TabletopGenerator:
     return TabletopGenerator(generator.field, drift=generator.drift)
 
 
-def _path(generator: TabletopGenerator, scene: Scene, number: int, drawn: int) -> list[Poses]:
+def _path(generator: TabletopGenerator, scene: Scene, number: int, draw: int) -> list[Poses]:
     """Poses at every grid point of one draw of a scene by its number in the run."""
     if is_large(scene.condition):
-        return large_scenes_like(generator).path(scene.condition, scene.seed, number, drawn)
-    z0 = initial_noise(scene.seed, np.array([number]), drawn)[0]
+        return large_scenes_like(generator).path(scene.condition, scene.seed, number, draw)
+    z0 = initial_noise(scene.seed, np.array([number]), draw)[0]
     return generator.path(z0, scene.condition)
 
 
