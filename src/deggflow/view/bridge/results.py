@@ -184,10 +184,10 @@ def _draw_curves(
     courses = [_titled_course(generator, trial, line, conditions[k], k) for k in numbers]
     paths = []
     for row, name, label in ((0, "task", r"$q_\mathrm{task}$"), (1, "safe", r"$q_\mathrm{safe}$")):
-        panels = [
+        bound_panels = [
             BoundPanel(title, c.tau, c.value[:, row], c.bound[:, row], c.bound[-1, row])
             for title, c in courses
         ]
         paths.append(path.with_stem(f"{path.stem}_q_{name}"))
-        draw_bounds(paths[-1], panels, ylabel=label)
+        draw_bounds(paths[-1], bound_panels, ylabel=label)
     return paths
