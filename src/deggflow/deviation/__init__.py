@@ -4,10 +4,12 @@ from .bound import Bounds, bounds, log_bound
 from .coupling import Coupled, couple
 from .distance import Deviation, assignment, measure, squared_distances, wasserstein
 from .growth import Growth, decoder_lipschitz, growth
+from .least import Cuts, least_square_sum, lower_confidence
 
 __all__ = [
     "Bounds",
     "Coupled",
+    "Cuts",
     "Deviation",
     "Growth",
     "assignment",
@@ -15,7 +17,9 @@ __all__ = [
     "couple",
     "decoder_lipschitz",
     "growth",
+    "least_square_sum",
     "log_bound",
+    "lower_confidence",
     "measure",
     "squared_distances",
     "wasserstein",

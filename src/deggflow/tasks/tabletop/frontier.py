@@ -74,12 +74,22 @@ class _Sample(NamedTuple):
     finite: bool
 
 
-class _Samples(NamedTuple):
+class Samples(NamedTuple):
+    """One sample of every case by one method.
+
+    Attributes:
+        z: The samples.
+        verdicts: Verdicts of exact geometry.
+        finite: Whether each is finite and near the table.
+        seconds: Time of all samples together.
+        draws: Number of samples drawn in all.
+    """
+
     z: Float[np.ndarray, "cases objects 3"]
     verdicts: list[Verdict]
     finite: list[bool]
-    seconds: float  # of all samples together
-    draws: int  # samples drawn in all
+    seconds: float
+    draws: int
 
 
 @eqx.filter_jit
@@ -110,7 +120,7 @@ def measure(field: Field, method: Method, hyperparameters: Hyperparameters, case
     """Runs one method on all cases; programs are compiled before the time is measured."""
     way, count = method.make(hyperparameters), len(cases.conditions)
     _generate(field, way, cases, np.arange(min(CHUNK, count)), 0)
-    samples = _until_satisfied(field, way, cases)
+    samples = draw_samples(field, way, cases)
     settled = np.array(samples.finite)
     margins = [v.min_margin for v, ok in zip(samples.verdicts, samples.finite, strict=True) if ok]
     return Point(
@@ -159,7 +169,7 @@ def in_words(hyperparameters: Hyperparameters) -> str:
     return ", ".join(f"{name} {value:g}" for name, value in hyperparameters.items())
 
 
-def _until_satisfied(field: Field, way: BaselineRun, cases: Cases) -> _Samples:
+def draw_samples(field: Field, way: BaselineRun, cases: Cases) -> Samples:
     """One draw of every case, and further draws of failed cases if the method allows them."""
     seconds, draws = 0.0, 0
 
@@ -173,12 +183,12 @@ def _until_satisfied(field: Field, way: BaselineRun, cases: Cases) -> _Samples:
 
     results = redraw_until_satisfied(attempt, len(cases.conditions), way.draws)
     z, verdicts, finite = zip(*(each.sample for each in results), strict=True)
-    return _Samples(np.stack(z), list(verdicts), list(finite), seconds, draws)
+    return Samples(np.stack(z), list(verdicts), list(finite), seconds, draws)
 
 
 def _generate(
     field: Field, way: BaselineRun, cases: Cases, numbers: np.ndarray, draw_number: int
-) -> _Samples:
+) -> Samples:
     conditions = [cases.conditions[k] for k in numbers]
     agents = padded_size(cases.size)
     noise = initial_noise(cases.seed, numbers, draw_number)[:, :agents]
@@ -197,7 +207,7 @@ def _generate(
     poses = [decode_exactly(state, c) for state, c in zip(z, conditions, strict=True)]
     settled = judge_generated(conditions, poses)
     finite = [not diverged for diverged in settled.diverged]
-    return _Samples(z[:, : cases.size], settled.verdicts, finite, seconds, len(numbers))
+    return Samples(z[:, : cases.size], settled.verdicts, finite, seconds, len(numbers))
 
 
 def _paired(
