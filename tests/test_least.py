@@ -65,7 +65,9 @@ def test_no_distances_that_satisfy_the_cuts_have_a_smaller_sum(seed, agents, cou
     cuts = random_cuts(seed, agents, count)
     rows, rng = matrix(cuts, agents), np.random.default_rng(seed)
     trials = rng.exponential(size=(200, agents))
-    trials *= np.max(cuts.least / (trials @ rows.T), axis=1, keepdims=True)  # just as large as needed
+    trials *= np.max(
+        cuts.least / (trials @ rows.T), axis=1, keepdims=True
+    )  # just as large as needed
     assert np.all(np.sum(trials**2, axis=1) >= least_square_sum(cuts, agents) - 1e-12)
 
 

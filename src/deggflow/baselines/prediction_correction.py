@@ -38,6 +38,7 @@ def predict_then_correct(
     steps: int,
     pull: float | Scalar = 2.0,
     guard: StepGuard | None = None,
+    keep_path: bool = False,
 ) -> Generation:
     """Half of the steps for a nominal generation, half for a correction of its end point; returns the correction.
 
@@ -49,6 +50,7 @@ def predict_then_correct(
         steps: Number of steps of both phases together; the correction's steps are refined toward its end.
         pull: Strength of the fading field; with zero, the correction moves only what violates a requirement.
         guard: Acceptance of the correction's steps.
+        keep_path: Also return z at every grid point of the correction.
 
     Source: SafeFlowMatcher (Yang et al., arXiv:2509.24243).
     """
@@ -58,5 +60,6 @@ def predict_then_correct(
     )
     fading = FadingField(field, pull)
     return generate_batch(
-        fading, corrector, predicted.z, condition, grid=refined_grid(half), guard=guard
-    )
+        fading, corrector, predicted.z, condition,
+        grid=refined_grid(half), guard=guard, keep_path=keep_path,
+    )  # fmt: skip

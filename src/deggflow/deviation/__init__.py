@@ -5,6 +5,7 @@ from .coupling import Coupled, couple
 from .distance import Deviation, assignment, measure, squared_distances, wasserstein
 from .growth import Growth, decoder_lipschitz, growth
 from .least import Cuts, least_square_sum, lower_confidence
+from .steps import drift_along, step_bound
 
 __all__ = [
     "Bounds",
@@ -16,11 +17,13 @@ __all__ = [
     "bounds",
     "couple",
     "decoder_lipschitz",
+    "drift_along",
     "growth",
     "least_square_sum",
     "log_bound",
     "lower_confidence",
     "measure",
     "squared_distances",
+    "step_bound",
     "wasserstein",
 ]

@@ -3,7 +3,7 @@
 from importlib.resources import files
 from pathlib import Path
 
-from . import baselines, bridge, deviation, examples, tabletop
+from . import baselines, bridge, deviation, examples, least_deviation, tabletop
 from .curves import Sources, TrainingCurves
 from .run import Entry
 
@@ -28,4 +28,5 @@ def entries(sources: Sources) -> tuple[Entry, ...]:
         Entry(TrainingCurves(sources), curves),
         *(Entry(each, on_table) for each in deviation.EXPERIMENTS),
         *(Entry(each, on_table) for each in baselines.EXPERIMENTS),
+        *(Entry(each, on_table) for each in least_deviation.EXPERIMENTS),
     )

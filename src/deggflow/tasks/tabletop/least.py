@@ -181,7 +181,10 @@ def _wall_shortfalls(scene: _Scene, i: int, parts: Sequence[_Part]) -> Iterator[
 def _pair_shortfall(
     scene: _Scene, i: int, j: int, a: _Part, b: _Part, cells: int
 ) -> _Shortfall | None:
-    reach, centres = a.radius + b.radius - ROUNDING, [np.mean(each.place, axis=0) for each in (a, b)]
+    reach, centres = (
+        a.radius + b.radius - ROUNDING,
+        [np.mean(each.place, axis=0) for each in (a, b)],
+    )
     extent = sum(np.max(np.hypot(*(p.place - c).T)) for p, c in zip((a, b), centres, strict=True))
     if np.hypot(*(centres[1] - centres[0])) >= reach + extent:
         return None
@@ -189,7 +192,9 @@ def _pair_shortfall(
     offset = b.place[second] - a.place[first]
     length = np.hypot(*offset.T)[:, None]
     width, angle = np.pi / cells, (np.arange(cells) + 0.5) * 2 * np.pi / cells
-    apart = np.abs(np.remainder(angle - np.arctan2(*offset.T[::-1])[:, None] + np.pi, 2 * np.pi) - np.pi)
+    apart = np.abs(
+        np.remainder(angle - np.arctan2(*offset.T[::-1])[:, None] + np.pi, 2 * np.pi) - np.pi
+    )
     metres = reach - length * np.cos(np.maximum(apart - width, 0.0))
     if np.any(np.all(metres <= 0, axis=0)):
         return None

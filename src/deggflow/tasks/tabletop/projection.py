@@ -58,7 +58,9 @@ def project(conditions: Sequence[SceneCondition], target: Scenes, start: Scenes)
         best[better], least[better] = z[better], square[better]
         padded = np.zeros((scenes, agents, 3), np.float32)
         padded[:, :objects] = z
-        margin, slope = (np.asarray(each, np.float64) for each in _linearised(jnp.asarray(padded), arrays))
+        margin, slope = (
+            np.asarray(each, np.float64) for each in _linearised(jnp.asarray(padded), arrays)
+        )
         slope = slope[:, :, :objects].reshape(*margin.shape, -1)
         share = 1.0 if step < DAMPED else 0.5
         for k in range(scenes):
