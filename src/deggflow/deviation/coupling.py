@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from deggflow.drift import EVERY_STEP, AbstractDrift, aligned
 from deggflow.flow import Field
 from deggflow.generation import generate_batch, refined_grid
 from deggflow.guidance import AbstractGuidance, GuidanceReport, NoGuidance
@@ -62,6 +63,7 @@ def couple(
     *,
     grid: Float[Array, " points"] | None = None,
     solver: RungeKutta = EULER,
+    drift: AbstractDrift = EVERY_STEP,
     guard: StepGuard | None = None,
 ) -> Coupled:
     """Generates every z(0) twice, without and with guidance.
@@ -73,19 +75,22 @@ def couple(
         condition: One condition for all samples, as in the theorem.
         grid: As in `generate`.
         solver: As in `generate`.
-        guard: Acceptance of the guided steps. The recursions of `bounds` are only valid without a guard and with
-            `EULER`, as then all steps are those of the grid.
+        drift: As in `generate`, of both generations.
+        guard: Acceptance of the guided steps. The recursions of `bounds` are only valid without a guard, with `EULER` and
+            with `EveryStep()`, as then all steps are those of the grid, and all drifts the field's values. `step_bound`
+            needs none of this.
 
     Source: paper, thm:wasserstein.
     """
-    grid = refined_grid() if grid is None else grid
+    grid, _ = aligned(refined_grid() if grid is None else grid, drift.macro_grid())
     many = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (len(z0), *jnp.shape(leaf))), condition)
     nominal = generate_batch(
-        field, NoGuidance(), z0, many, grid=grid, solver=solver, guard=None, keep_path=True
-    )
+        field, NoGuidance(), z0, many,
+        grid=grid, solver=solver, drift=drift, guard=None, keep_path=True,
+    )  # fmt: skip
     guided = generate_batch(
         field, _Correcting(guidance), z0, many,
-        grid=grid, solver=solver, guard=guard, keep_path=True,
+        grid=grid, solver=solver, drift=drift, guard=guard, keep_path=True,
     )  # fmt: skip
     assert nominal.path is not None
     assert guided.path is not None

@@ -5,9 +5,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
-from deggflow.drift import AbstractDrift
+from deggflow.drift import AbstractDrift, aligned
 from deggflow.flow import Field
 from deggflow.shapes import Scalar, States
 
@@ -18,7 +18,6 @@ def drift_along(
     field: Field,
     drift: AbstractDrift,
     grid: Float[Array, " points"],
-    starts: Int[Array, " macro_steps"],
     path: Float[Array, "points agents dim"],
     condition: Any,
 ) -> Float[Array, "steps agents dim"]:
@@ -27,11 +26,11 @@ def drift_along(
     Args:
         field: Nominal vector field.
         drift: How often it is evaluated.
-        grid: The grid of the path, as `aligned` returns it.
-        starts: Indices of the points where macro steps begin, likewise.
+        grid: The grid of the generation, before or after its points were moved to where macro steps begin.
         path: States at the points.
         condition: Of the sample.
     """
+    grid, starts = aligned(grid, drift.macro_grid())
 
     def nominal(tau: Scalar, z: States) -> States:
         return field(tau, z, condition)

@@ -5,9 +5,11 @@ from typing import NamedTuple
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, NullFormatter
 
 from .style import BOUND, GREY, PAGE, look, new_figure
 
+_TICKS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 _ROW = 0.19  # inches of a method's row
 _REST = 1.15  # inches of titles and axes
 
@@ -86,4 +88,7 @@ def _draw(axes: Axes, panel: StandingPanel) -> None:
         axes.plot([], [], "o", color=BOUND, markerfacecolor=face, markersize=4.2, label=label)
     axes.plot([], [], "|", color=BOUND, markersize=5.5, label="upper bound")
     axes.set(xscale="log", xlim=(panel.lower / 1.5, max(seen) * 1.3), title=panel.title)
+    axes.xaxis.set_major_locator(FixedLocator(_TICKS))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.grid(visible=False, axis="y")

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from deggflow.baselines import FadingField, predict_then_correct
 from deggflow.blocks import padded_batch
 from deggflow.deviation import drift_along, step_bound
-from deggflow.drift import EVERY_STEP, aligned
+from deggflow.drift import EVERY_STEP
 from deggflow.flow import Field
 from deggflow.generation import DEFAULT_STEPS, generate_batch, refined_grid
 from deggflow.guidance import AbstractGuidance, NoGuidance
@@ -227,7 +227,4 @@ def _drifts(
     path: Float[Array, "scenes points agents 3"],
     condition: TabletopCondition,
 ) -> Float[Array, "scenes steps agents 3"]:
-    points, starts = aligned(grid, EVERY_STEP.macro_grid())
-    return jax.vmap(lambda z, chi: drift_along(field, EVERY_STEP, points, starts, z, chi))(
-        path, condition
-    )
+    return jax.vmap(lambda z, chi: drift_along(field, EVERY_STEP, grid, z, chi))(path, condition)
