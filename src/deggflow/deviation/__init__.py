@@ -1,4 +1,4 @@
-"""Distributional deviation of guided from nominal samples, and its upper bounds."""
+"""Distributional deviation of guided from nominal samples, with upper bounds and a lower bound for every method."""
 
 from .bound import Bounds, bounds, log_bound
 from .coupling import Coupled, couple

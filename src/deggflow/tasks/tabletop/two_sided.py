@@ -3,13 +3,13 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from deggflow.baselines import FadingField, predict_then_correct
 from deggflow.blocks import padded_batch
@@ -22,7 +22,7 @@ from deggflow.shapes import Scalar
 from deggflow.statistics import Rate, Row
 from deggflow.step_guard import StepGuard
 
-from .baselines import BaselineRun, Method
+from .baselines import Method
 from .codec import decode_exactly
 from .condition import TabletopCondition, padded_size, take, to_arrays
 from .frontier import CHUNK, Cases, draw_cases, draw_samples
@@ -71,6 +71,22 @@ class _Guided(NamedTuple):
     upper: Float[np.ndarray, " cases"] | None
 
 
+class _Nominal(NamedTuple):
+    """Nominal paths.
+
+    Attributes:
+        path: States at the grid points.
+        drift: The field there, the last point excluded.
+    """
+
+    path: Float[Array | np.ndarray, "scenes points agents 3"]
+    drift: Float[Array | np.ndarray, "scenes steps agents 3"]
+
+
+Noise = Float[Array, "scenes agents 3"]
+_Index = Int[np.ndarray, " scenes"]
+
+
 def jobs(
     field: Field,
     grid: Sequence[tuple[int, Method | str]],
@@ -94,11 +110,15 @@ def jobs(
     def of_size(size: int) -> Cases:
         return draw_cases(field, size, "changed", cases, seed)
 
+    @cache
+    def nominal(size: int) -> _Nominal:
+        return _nominal(field, of_size(size))
+
     known: dict[tuple[int, str], _Guided] = {}
 
     def guided(size: int, method: Method) -> _Guided:
         if (size, method.name) not in known:
-            known[size, method.name] = _guided(field, method, of_size(size))
+            known[size, method.name] = _guided(field, method, of_size(size), nominal(size))
         return known[size, method.name]
 
     def job(size: int, method: Method | str) -> Callable[[], CaseDeviations]:
@@ -150,52 +170,55 @@ def _row(name: str, cases: Cases, guided: _Guided) -> CaseDeviations:
     )
 
 
-def _guided(field: Field, method: Method, cases: Cases) -> _Guided:
-    """Samples at the selected setting; of methods that draw once, with the bounds of their steps."""
-    way = method.make(method.chosen(cases.size))
-    if way.draws > 1:
-        return _Guided(draw_samples(field, way, cases).z, None)
-    count, agents = len(cases.conditions), padded_size(cases.size)
-    noise = initial_noise(cases.seed, np.arange(count), 0)[:, :agents]
-    arrays, parts = to_arrays(cases.conditions, agents), []
-    for begin in range(0, count, CHUNK):
-        chunk = min(CHUNK, count - begin)
-        index = begin + np.resize(np.arange(chunk), padded_batch(chunk))
-        given = jnp.asarray(noise[index]), take(arrays, index)
-        parts.append([each[:chunk] for each in _bounded_samples(field, way, cases.size, *given)])
-    return _Guided(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+def _nominal(field: Field, cases: Cases) -> _Nominal:
+    """Nominal paths, on the grid of methods that guide throughout."""
+
+    def chunk(noise: Noise, condition: TabletopCondition, _: _Index) -> _Nominal:
+        path = _path(field, NoGuidance(), noise, condition, None, None)
+        return _Nominal(path, _drifts(field, refined_grid(), path, condition))
+
+    return _Nominal(*_in_chunks(chunk, cases))
 
 
-def _bounded_samples(
-    field: Field,
-    way: BaselineRun,
-    size: int,
-    noise: Float[Array, "scenes agents 3"],
-    condition: TabletopCondition,
-) -> tuple[Float[np.ndarray, "scenes objects 3"], Float[np.ndarray, " scenes"]]:
-    """Samples and the bounds on their distances to nominal ones.
+def _guided(field: Field, method: Method, cases: Cases, nominal: _Nominal) -> _Guided:
+    """Samples at the selected setting; of methods that draw once, with the bounds of their steps.
 
     Of a prediction followed by a correction, the recursion begins with the prediction's own distance to the nominal
     sample, which takes twice as many steps, and the nominal path stays at its end.
     """
-    nominal = np.asarray(_path(field, NoGuidance(), noise, condition, None, None))
-    guided = np.asarray(_path(field, way.guidance, noise, condition, way.guard, way.pull))
-    if way.pull is None:
-        grid, of_nominal = refined_grid(), nominal
-        along = [
-            np.asarray(_drifts(field, grid, jnp.asarray(path), condition))
-            for path in (nominal, guided)
-        ]
-        difference = along[1] - along[0]
-    else:
-        grid = refined_grid(DEFAULT_STEPS // 2)
-        fading = FadingField(field, way.pull)
-        of_nominal = np.broadcast_to(nominal[:, -1:], guided.shape)
-        difference = np.asarray(_drifts(fading, grid, jnp.asarray(guided), condition))
-    upper = step_bound(
-        np.asarray(grid), of_nominal[:, :, :size], guided[:, :, :size], difference[:, :, :size]
-    )
-    return guided[:, -1, :size], upper
+    way, size = method.make(method.chosen(cases.size)), cases.size
+    if way.draws > 1:
+        return _Guided(draw_samples(field, way, cases).z, None)
+
+    def chunk(noise: Noise, condition: TabletopCondition, index: _Index) -> _Guided:
+        path = _path(field, way.guidance, noise, condition, way.guard, way.pull)
+        guided, reference = np.asarray(path), nominal.path[index]
+        if way.pull is None:
+            grid = refined_grid()
+            difference = _drifts(field, grid, path, condition) - nominal.drift[index]
+        else:
+            grid = refined_grid(DEFAULT_STEPS // 2)
+            difference = _drifts(FadingField(field, way.pull), grid, path, condition)
+            reference = np.broadcast_to(reference[:, -1:], guided.shape)
+        paths = (each[:, :, :size] for each in (reference, guided, np.asarray(difference)))
+        return _Guided(guided[:, -1, :size], step_bound(np.asarray(grid), *paths))
+
+    return _Guided(*_in_chunks(chunk, cases))
+
+
+def _in_chunks(
+    call: Callable[[Noise, TabletopCondition, _Index], tuple[Any, ...]], cases: Cases
+) -> list[np.ndarray]:
+    """The arrays that `call` returns, for all cases."""
+    count, agents = len(cases.conditions), padded_size(cases.size)
+    noise = initial_noise(cases.seed, np.arange(count), 0)[:, :agents]
+    arrays, parts = to_arrays(cases.conditions, agents), []
+    for begin in range(0, count, CHUNK):
+        some = min(CHUNK, count - begin)
+        index = begin + np.resize(np.arange(some), padded_batch(some))
+        found = call(jnp.asarray(noise[index]), take(arrays, index), index)
+        parts.append([np.asarray(each)[:some] for each in found])
+    return [np.concatenate(each) for each in zip(*parts, strict=True)]
 
 
 @eqx.filter_jit
