@@ -79,8 +79,8 @@ class _Nominal(NamedTuple):
         drift: The field there, the last point excluded.
     """
 
-    path: Float[Array | np.ndarray, "scenes points agents 3"]
-    drift: Float[Array | np.ndarray, "scenes steps agents 3"]
+    path: Float[np.ndarray, "scenes points agents 3"]
+    drift: Float[np.ndarray, "scenes steps agents 3"]
 
 
 Noise = Float[Array, "scenes agents 3"]
@@ -175,7 +175,8 @@ def _nominal(field: Field, cases: Cases) -> _Nominal:
 
     def chunk(noise: Noise, condition: TabletopCondition, _: _Index) -> _Nominal:
         path = _path(field, NoGuidance(), noise, condition, None, None)
-        return _Nominal(path, _drifts(field, refined_grid(), path, condition))
+        drift = _drifts(field, refined_grid(), path, condition)
+        return _Nominal(np.asarray(path), np.asarray(drift))
 
     return _Nominal(*_in_chunks(chunk, cases))
 
@@ -192,16 +193,19 @@ def _guided(field: Field, method: Method, cases: Cases, nominal: _Nominal) -> _G
 
     def chunk(noise: Noise, condition: TabletopCondition, index: _Index) -> _Guided:
         path = _path(field, way.guidance, noise, condition, way.guard, way.pull)
-        guided, reference = np.asarray(path), nominal.path[index]
+        guided, reference = np.asarray(path), np.asarray(nominal.path[index])
         if way.pull is None:
             grid = refined_grid()
-            difference = _drifts(field, grid, path, condition) - nominal.drift[index]
+            difference = np.asarray(_drifts(field, grid, path, condition)) - nominal.drift[index]
         else:
             grid = refined_grid(DEFAULT_STEPS // 2)
-            difference = _drifts(FadingField(field, way.pull), grid, path, condition)
+            fading = FadingField(field, way.pull)
+            difference = np.asarray(_drifts(fading, grid, path, condition))
             reference = np.broadcast_to(reference[:, -1:], guided.shape)
-        paths = (each[:, :, :size] for each in (reference, guided, np.asarray(difference)))
-        return _Guided(guided[:, -1, :size], step_bound(np.asarray(grid), *paths))
+        upper = step_bound(
+            np.asarray(grid), reference[:, :, :size], guided[:, :, :size], difference[:, :, :size]
+        )
+        return _Guided(guided[:, -1, :size], upper)
 
     return _Guided(*_in_chunks(chunk, cases))
 
