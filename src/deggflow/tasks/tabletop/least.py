@@ -7,7 +7,8 @@ most
     e (rho + kappa^2 q^2 / (2 (rho - nu kappa^2 e))),   rho = |(half width n_x, half depth n_y)|,
 
 with q = |n x v|, nu = max(0, +-n . v) and kappa = 1.35 rad (docs/theory.md, section 7). The directions are covered by
-cells, and every quantity is bounded over its cell. Shares no code with margins, verdict and oracle.
+cells, and every quantity is bounded over its cell. Shares the list of parts with the margins, and nothing with verdict and
+oracle.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,7 +20,7 @@ from jaxtyping import Float
 
 from deggflow.deviation import Cuts, least_square_sum
 
-from .codec import ANGLE_SCALE
+from .codec import ANGLE_SCALE, decode_exactly
 from .condition import PartRow, SceneCondition, primitive_rows, region_rows
 from .library import object_type
 
@@ -67,8 +68,18 @@ class _Speed(NamedTuple):
 
 
 class _Scene(NamedTuple):
-    half: Float[np.ndarray, " 2"]  # m
-    bodies: Sequence[Sequence[_Part]]  # of each object
+    """A scene in the world.
+
+    Attributes:
+        half: Half the table's width and depth, m.
+        scale: Metres per unit of z along both; the same numbers, rounded as compiled programs know them.
+        bodies: Of each object.
+        regions: Of each object, as required.
+    """
+
+    half: Float[np.ndarray, " 2"]
+    scale: Float[np.ndarray, " 2"]
+    bodies: Sequence[Sequence[_Part]]
     regions: Sequence[Sequence[_Part]]
 
 
@@ -113,13 +124,13 @@ def least_deviation(
 
 def _scene(condition: SceneCondition, z: Float[np.ndarray, "objects 3"]) -> _Scene:
     half = np.array([condition.width, condition.depth]) / 2
+    scale = decode_exactly(np.ones((1, 3)), condition)[0, :2]
     bodies, regions = [], []
-    for name, state in zip(condition.objects, np.asarray(z, np.float64), strict=True):
-        kind, need = object_type(name), condition.affordance(name)
-        origin, heading = half * state[:2], ANGLE_SCALE * state[2]
+    for name, (x, y, heading) in zip(condition.objects, decode_exactly(z, condition), strict=True):
+        kind, need, origin = object_type(name), condition.affordance(name), np.array([x, y])
         bodies.append([_part(row, origin, heading) for row in primitive_rows(kind)])
         regions.append([_part(row, origin, heading) for row in region_rows(kind, need)])
-    return _Scene(half, bodies, regions)
+    return _Scene(half, scale, bodies, regions)
 
 
 def _part(row: PartRow, origin: Float[np.ndarray, " 2"], heading: float) -> _Part:
@@ -148,16 +159,16 @@ def _shortfalls(scene: _Scene, cells: int) -> Iterator[_Shortfall]:
 
 def _speed(
     arm: Float[np.ndarray, "points 2"],
-    half: Float[np.ndarray, " 2"],
+    scale: Float[np.ndarray, " 2"],
     angle: Float[np.ndarray, " cells"],
     width: float,
 ) -> _Speed:
     """Of points that move against the directions within `width` of each angle."""
     normal = np.stack([np.cos(angle), np.sin(angle)])
-    rho, length = np.hypot(*(half[:, None] * normal)), np.hypot(*arm.T)[:, None]
-    change = abs(half[0] - half[1]) * width  # |d rho / d angle| is at most the difference
+    rho, length = np.hypot(*(scale[:, None] * normal)), np.hypot(*arm.T)[:, None]
+    change = abs(scale[0] - scale[1]) * width  # |d rho / d angle| is at most the difference
     turn = np.abs(arm[:, :1] * normal[1] - arm[:, 1:] * normal[0])
-    most, least = np.minimum(rho + change, half.max()), np.maximum(rho - change, half.min())
+    most, least = np.minimum(rho + change, scale.max()), np.maximum(rho - change, scale.min())
     shape = turn.shape
     return _Speed(
         np.broadcast_to(most, shape),
@@ -174,17 +185,15 @@ def _wall_shortfalls(scene: _Scene, i: int, parts: Sequence[_Part]) -> Iterator[
         for part in parts:
             over = part.place @ normal + part.radius - abs(normal) @ scene.half - ROUNDING
             if np.any(over > 0):
-                speed = _speed(part.arm, scene.half, np.array([angle]), 0.0)
+                speed = _speed(part.arm, scene.scale, np.array([angle]), 0.0)
                 yield _Shortfall((i, i), over[:, None], speed, None)
 
 
 def _pair_shortfall(
     scene: _Scene, i: int, j: int, a: _Part, b: _Part, cells: int
 ) -> _Shortfall | None:
-    reach, centres = (
-        a.radius + b.radius - ROUNDING,
-        [np.mean(each.place, axis=0) for each in (a, b)],
-    )
+    reach = a.radius + b.radius - ROUNDING
+    centres = [np.mean(each.place, axis=0) for each in (a, b)]
     extent = sum(np.max(np.hypot(*(p.place - c).T)) for p, c in zip((a, b), centres, strict=True))
     if np.hypot(*(centres[1] - centres[0])) >= reach + extent:
         return None
@@ -192,17 +201,16 @@ def _pair_shortfall(
     offset = b.place[second] - a.place[first]
     length = np.hypot(*offset.T)[:, None]
     width, angle = np.pi / cells, (np.arange(cells) + 0.5) * 2 * np.pi / cells
-    apart = np.abs(
-        np.remainder(angle - np.arctan2(*offset.T[::-1])[:, None] + np.pi, 2 * np.pi) - np.pi
-    )
+    turn = angle - np.arctan2(offset[:, 1], offset[:, 0])[:, None]
+    apart = np.abs(np.remainder(turn + np.pi, 2 * np.pi) - np.pi)
     metres = reach - length * np.cos(np.maximum(apart - width, 0.0))
     if np.any(np.all(metres <= 0, axis=0)):
         return None
     return _Shortfall(
         (i, j),
         metres,
-        _Speed(*(each[first] for each in _speed(a.arm, scene.half, angle, width))),
-        _Speed(*(each[second] for each in _speed(b.arm, scene.half, angle + np.pi, width))),
+        _Speed(*(each[first] for each in _speed(a.arm, scene.scale, angle, width))),
+        _Speed(*(each[second] for each in _speed(b.arm, scene.scale, angle + np.pi, width))),
     )
 
 
