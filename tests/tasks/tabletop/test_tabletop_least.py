@@ -14,7 +14,8 @@ from deggflow.tasks.tabletop.least import least_deviation
 from deggflow.tasks.tabletop.oracle import least_margin, refutes
 from deggflow.tasks.tabletop.projection import project
 
-HALF = np.array([0.70, 0.47, 1.35])  # m, m, rad per unit of z
+# m, m, rad per unit of z; half the table's width and depth as compiled programs know them, in float32
+HALF = np.array([np.float32(1.40) / 2, np.float32(0.94) / 2, 1.35], np.float64)
 
 DEPTH = 0.002  # m of a violation that the cells' width may hide
 
@@ -86,9 +87,9 @@ def test_a_solver_finds_no_less(seed):
 
 def test_an_object_over_the_edge_must_come_back():
     """A pen cup of radius 0.034 m, 0.01 m over the right edge, its region on the table's side."""
-    z = np.array([[(0.70 - 0.034 + 0.01) / 0.70, 0.0, math.pi / 1.35]])
+    z = np.array([[0.70 - 0.034 + 0.01, 0.0, math.pi]]) / HALF
     only = SceneCondition(("pen_cup",))
-    assert least_deviation(only, z) == pytest.approx((0.01 / 0.70) ** 2, rel=1e-6)
+    assert least_deviation(only, z) == pytest.approx((0.01 / HALF[0]) ** 2, rel=1e-6)
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.4, math.pi / 2])
@@ -103,7 +104,7 @@ def test_two_discs_that_overlap_share_the_way(turn):
     bound = least_deviation(DISCS, z)
     angle = np.linspace(-np.pi, np.pi, 200_001)
     missing = 0.094 - away @ np.stack([np.cos(angle), np.sin(angle)])
-    rho = np.hypot(0.70 * np.cos(angle), 0.47 * np.sin(angle))
+    rho = np.hypot(HALF[0] * np.cos(angle), HALF[1] * np.sin(angle))
     exact = np.min(missing / rho) ** 2 / 2
     assert bound <= exact * (1 + 1e-9)
     assert bound == pytest.approx(exact, rel=0.02)
