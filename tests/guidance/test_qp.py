@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog, nnls
 
 from deggflow.guidance import min_norm_input
-from deggflow.guidance.qp import check_limits, check_metric
+from deggflow.guidance.metric import check_metric
+from deggflow.guidance.qp import check_limits
 
 SIZES = st.integers(1, 4)
 

@@ -29,10 +29,10 @@ def crossing(dtype: jnp.dtype) -> float:
     return resolution(dtype) / 2
 
 
-def dot(a: Float[Array, "*rows inputs"], b: Float[Array, "*rows inputs"]) -> Float[Array, "*rows"]:
-    """The inner product. Few entries one by one: a loop over them costs more than they do."""
+def dot(a: Float[Array, "*rows inputs"], b: Float[Array, "*#rows inputs"]) -> Float[Array, "*rows"]:
+    """The inner product, of each row. Few entries one by one: a loop over them costs more than they do."""
     if a.shape[-1] > FEW:
-        return a @ b if a.ndim == 1 else jnp.sum(a * b, axis=-1)
+        return a @ b if b.ndim == 1 else jnp.sum(a * b, axis=-1)
     return reduce(jnp.add, [a[..., k] * b[..., k] for k in range(a.shape[-1])])
 
 

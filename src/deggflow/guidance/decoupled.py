@@ -13,7 +13,8 @@ from deggflow.shapes import Mask, RowFlags, RowValues, Scalar, States
 
 from .active_set import resolution
 from .directions import DELTA, effective_directions
-from .qp import MinNormInput, check_limits, check_metric, min_norm_input
+from .metric import check_metric
+from .qp import MinNormInput, check_limits, min_norm_input
 from .report import GuidanceReport, not_finite, report_without_rows
 from .requirement import AbstractRequirement, Control, ControlMap, Demand, Rows
 

@@ -12,18 +12,14 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jax.scipy.linalg import solve_triangular
 from jaxtyping import Array, Bool, Float
 
 from .active_set import FEW, crossing, dot, largest, project_origin, square
+from .metric import above, below, check_metric, factor
 from .row_by_row import MAX_INPUTS, MAX_ROWS, project_row_by_row
 
 ROUNDING = 8  # times the precision and the size of what is added up: what a sum of a few products may be off
 PASSES = 8  # each brings rows down that are 1 / precision smaller than those before
-ASYMMETRY = (
-    1e-5  # relative; the metric is made symmetric, so that what rounding left there does no harm
-)
 
 
 class MinNormInput(NamedTuple):
@@ -103,7 +99,7 @@ def _min_norm_input(
     problem = _in_metric(rows, offset, metric)
     u, feasible = _solved(problem, None if box is None else box / problem.size)
     if norm is not None:
-        size = jnp.sqrt(square(u if problem.root is None else u @ problem.root))
+        size = jnp.sqrt(square(u if problem.root is None else dot(problem.root.T, u)))
         most = norm / problem.size
         feasible &= size <= most * (1 + ROUNDING * float(jnp.finfo(ell.dtype).eps))
         u = u * jnp.minimum(1.0, most / jnp.maximum(size, most))
@@ -146,60 +142,6 @@ def _check_rows(ell: Any, b: Any, metric: Any) -> None:
         raise ValueError(
             f"`metric` must be the one matrix of this agent, of shape {(ell.shape[1],) * 2}; got {metric.shape}."
         )
-
-
-def check_metric(metric: Any, inputs: int | None = None) -> None:
-    """Raises `TypeError` or `ValueError` unless a metric is symmetric and positive definite.
-
-    Args:
-        metric: One matrix for all agents, one for each of them, or None. Values that are not known yet (inside a
-            compiled program) are not looked at.
-        inputs: How many rows each matrix must have; any number if None.
-    """
-    if metric is None:
-        return
-    shape, kind = getattr(metric, "shape", None), getattr(metric, "dtype", None)
-    if shape is None or kind is None:
-        raise TypeError(
-            "`metric` must be an array, a symmetric positive definite matrix for all agents or one per agent; "
-            f"got {type(metric).__name__}."
-        )
-    size = "inputs" if inputs is None else inputs
-    square = len(shape) in (2, 3) and shape[-1] == shape[-2] and shape[-1] > 0
-    if not square or (inputs is not None and shape[-1] != inputs):
-        raise ValueError(
-            f"`metric` must have shape ({size}, {size}), or (agents, {size}, {size}) with one matrix per agent; "
-            f"got {tuple(shape)}."
-        )
-    if not jnp.issubdtype(kind, jnp.floating):
-        raise TypeError(f"`metric` must hold floating-point numbers; got {kind}.")
-    if isinstance(metric, jax.core.Tracer):
-        return
-    precision = float(jnp.finfo(jax.dtypes.canonicalize_dtype(kind)).eps)
-    values = np.asarray(metric, np.float64)
-    for agent, matrix in enumerate(values.reshape(-1, *shape[-2:])):
-        whose = "`metric`" if len(shape) == 2 else f"`metric` of agent {agent}"
-        if not np.isfinite(matrix).all():
-            raise ValueError(f"{whose} must be finite; got {matrix.tolist()}.")
-        diagonal = np.diagonal(matrix)
-        if not (diagonal > 0).all():
-            raise ValueError(
-                f"{whose} must be positive definite; got {diagonal.min():g} on its diagonal."
-            )
-        # Inputs may have different units: each is measured by its own entry on the diagonal.
-        unit = np.sqrt(diagonal)
-        scaled = matrix / unit / unit[:, None]
-        apart = np.abs(scaled - scaled.T)
-        if apart.max() > ASYMMETRY:
-            j, k = np.unravel_index(apart.argmax(), apart.shape)
-            raise ValueError(
-                f"{whose} must be symmetric; got {matrix[j, k]:g} at ({j}, {k}) and {matrix[k, j]:g} at ({k}, {j})."
-            )
-        if not np.linalg.eigvalsh(scaled + scaled.T)[0] / 2 > len(matrix) * precision:
-            least = np.linalg.eigvalsh(matrix + matrix.T)[0] / 2
-            raise ValueError(
-                f"{whose} must be positive definite; got a matrix whose least eigenvalue is {least:g}."
-            )
 
 
 def _unit_rows(
@@ -248,7 +190,7 @@ class _Problem(NamedTuple):
 
     def back(self, v: Float[Array, " inputs"]) -> Float[Array, " inputs"]:
         """The input u = L^-T v."""
-        return v if self.root is None else solve_triangular(self.root, v, lower=True, trans="T")
+        return v if self.root is None else above(self.root, v)
 
     def project(
         self, lack: Float[Array, " rows"]
@@ -272,8 +214,8 @@ def _in_metric(
     metric: Float[Array, "inputs inputs"] | None,
 ) -> _Problem:
     """In v the metric is the identity, and a row reads (L^-1 ell) . v + b <= 0."""
-    root = None if metric is None else jnp.linalg.cholesky(metric)
-    mapped = rows if root is None else solve_triangular(root, rows.T, lower=True).T
+    root = None if metric is None else factor(metric)
+    mapped = rows if root is None else below(root, rows)
     length = jnp.sqrt(square(mapped))
     length = jnp.where(length > 0, length, 1.0)
     most = jnp.max(offset / length)
@@ -318,15 +260,15 @@ def _lack(
     problem: _Problem, u: Float[Array, " inputs"]
 ) -> tuple[Float[Array, " rows"], Float[Array, " rows"]]:
     """By how much each row is not met (negative: to spare), and what rounding there may come to."""
-    lack = problem.rows @ u + problem.offset
-    size = jnp.abs(problem.rows) @ jnp.abs(u) + jnp.abs(problem.offset)
+    lack = dot(problem.rows, u) + problem.offset
+    size = dot(jnp.abs(problem.rows), jnp.abs(u)) + jnp.abs(problem.offset)
     return lack, ROUNDING * float(jnp.finfo(u.dtype).eps) * size
 
 
 def _met(problem: _Problem, u: Float[Array, " inputs"], count: int) -> Bool[Array, ""]:
     """Whether the first rows are met, each at its own scale."""
-    lack = problem.rows[:count] @ u + problem.offset[:count]
-    size = jnp.sqrt(jnp.sum(u**2)) + jnp.abs(problem.offset[:count])
+    lack = dot(problem.rows[:count], u) + problem.offset[:count]
+    size = jnp.sqrt(square(u)) + jnp.abs(problem.offset[:count])
     return jnp.all(lack <= 2 * ROUNDING * float(jnp.finfo(u.dtype).eps) * size)
 
 
