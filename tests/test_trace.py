@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from deggflow.guidance import GuidanceReport
-from deggflow.trace import Point, add_point, empty_summary
+from deggflow.trace import Point, add_point, as_accepted, empty_summary, traced
 
 POINTS, ROWS, AGENTS = 4, 2, 3
 EPS = float(np.finfo(np.float32).eps)
@@ -244,3 +244,23 @@ def test_hypotheses_fail_at_a_point_without_a_gradient():
 def test_many_at_once():
     both = jax.tree.map(lambda *leaves: jnp.stack(leaves), summary(), summary(value={(1, 0): 2.0}))
     np.testing.assert_array_equal(both.hypotheses_hold, [True, False])
+
+
+@pytest.mark.parametrize("forced", [0, 1])
+def test_what_was_accepted_is_at_most_its_limit(forced):
+    """Rounding may write a value down above the limit that it was accepted under; z(0) was compared with none."""
+    above = float(np.nextafter(np.float32(1), np.float32(2)))
+    report = reports(value={(2, 0): above, (0, 1): 3.0})
+    never, none = jnp.zeros(POINTS, bool), jnp.zeros((POINTS, ROWS), bool)
+    z = jnp.zeros((POINTS, AGENTS, 2))
+    summary = folded(report, None, never, none, none, ~never, z)
+    count = jnp.asarray(forced, jnp.int32)
+    summary = summary._replace(
+        value=report.value[2], work=summary.work._replace(forced_steps=count)
+    )
+    summary, trace = as_accepted(summary, traced(report))
+    assert (float(trace[0][2, 0]) > float(trace[2][2, 0])) == bool(forced)
+    assert (float(summary.value[0]) > float(summary.limit[0])) == bool(forced)
+    assert (float(summary.excess[0]) > 0) == bool(forced)
+    assert float(summary.excess[1]) == 2.0
+    assert float(trace[0][0, 1]) == 3.0

@@ -18,7 +18,7 @@ from .identity import requirement_numbers
 from .shapes import Mask, Scalar, States
 from .solver import EULER, RungeKutta
 from .step_guard import GuardedSteps, SampleProgress, StepGuard, finish
-from .trace import Point, Summary, Trace, Work, add_point, empty_summary, traced
+from .trace import Point, Summary, Trace, Work, add_point, as_accepted, empty_summary, traced
 
 DEFAULT_STEPS = 100
 GUARD = StepGuard()
@@ -217,8 +217,8 @@ def _over_macro_steps(
 
 
 def _generation(tau: Float[Array, "... points"], end: SampleProgress) -> Generation:
-    trace = None if end.trace is None else Trace(tau, *end.trace)
-    return Generation(end.z, end.summary, trace, end.path)
+    summary, kept = as_accepted(end.summary, end.trace)
+    return Generation(end.z, summary, None if kept is None else Trace(tau, *kept), end.path)
 
 
 def _completed(

@@ -215,11 +215,7 @@ def add_point(so_far: Summary, point: Point, mask: Bool[Array, " agents"] | None
     acts = new & ~point.last
     here = jnp.ones(len(point.z), bool) if mask is None else mask
     at_rows = acts & here[None]
-    excess = report.value - report.limit
-    # Bounds start from the value itself, which two programs may round apart.
-    start = 4 * jnp.finfo(excess.dtype).eps * jnp.abs(report.value)
-    excess = jnp.where(first & (excess <= start), jnp.minimum(excess, 0.0), excess)
-    excess = jnp.where(jnp.isnan(excess), jnp.inf, excess)
+    excess = _excess(report.value, report.limit, first)
     distance = jnp.sqrt(jnp.max(jnp.where(here, jnp.sum((point.z - so_far.z) ** 2, axis=-1), 0.0)))
     part = report.contribution
     blamed = part >= BLAMED * jnp.max(part, axis=-1, keepdims=True)
@@ -279,3 +275,44 @@ def add_point(so_far: Summary, point: Point, mask: Bool[Array, " agents"] | None
             so_far.work.forced_steps + point.forced,
         ),
     )
+
+
+def _excess(
+    value: Float[Array, "*samples rows"],
+    limit: Float[Array, "*samples rows"],
+    first: Bool[Array, ""] | bool,
+) -> Float[Array, "*samples rows"]:
+    """Value - limit at one point; infinite where that is not a number."""
+    excess = value - limit
+    # Bounds start from the value itself, which two programs may round apart.
+    start = 4 * jnp.finfo(excess.dtype).eps * jnp.abs(value)
+    excess = jnp.where(first & (excess <= start), jnp.minimum(excess, 0.0), excess)
+    return jnp.where(jnp.isnan(excess), jnp.inf, excess)
+
+
+def as_accepted(
+    summary: Summary, trace: TracedReport | None
+) -> tuple[Summary, TracedReport | None]:
+    """Values as steps were accepted: after z(0), at most their limits where no step of a sample was forced.
+
+    A compiler may evaluate a value twice, for the comparison that accepts the step and for what is written down, and
+    round the two apart.
+
+    Args:
+        summary: Of a sample whose steps were guarded, or of a batch.
+        trace: Of the same; None if it was not kept.
+    """
+    met = (summary.work.forced_steps == 0)[..., None]
+    first = _excess(summary.first_value, summary.first_limit, True)
+    after = met & (summary.points > 1)[..., None]
+    summary = summary._replace(
+        value=jnp.where(after, jnp.minimum(summary.value, summary.limit), summary.value),
+        excess=jnp.where(met, jnp.maximum(first, jnp.minimum(summary.excess, 0.0)), summary.excess),
+    )
+    if trace is None:
+        return summary, None
+    value, bound, limit, *others = trace
+    later, most = value[..., 1:, :], limit[..., 1:, :]
+    later = jnp.where(met[..., None, :], jnp.minimum(later, most), later)
+    value = jnp.concatenate([value[..., :1, :], later], axis=-2)
+    return summary, (value, bound, limit, *others)
