@@ -33,11 +33,23 @@ class Settings:
 
 def subjects() -> dict[str, Subject]:
     """Everything that is measured, by name, in the order of the table."""
-    from suite import generation, joint, large_scenes, parts, processes, qp, rounding, script, speed
+    from suite import (
+        few,
+        generation,
+        joint,
+        large_scenes,
+        parts,
+        processes,
+        qp,
+        rounding,
+        script,
+        speed,
+    )
 
     return {
         "scenes": generation.scenes,
         "policies": generation.policies,
+        "few_evaluations": few.few_evaluations,
         "large_scenes": large_scenes.large_scenes,
         "parts": parts.parts,
         "speed": speed.speed,

@@ -9,8 +9,9 @@ def kkt_residual(
     ell: Float[np.ndarray, "rows inputs"],
     b: Float[np.ndarray, " rows"],
     u: Float[np.ndarray, " inputs"],
+    metric: Float[np.ndarray, "inputs inputs"] | None = None,
 ) -> float:
-    """Of `min u @ u / 2` subject to `ell @ u + b <= 0`, relative to 1 + |u|, in float64.
+    """Of `min u @ H @ u / 2`, where the metric H is the identity if None, subject to `ell @ u + b <= 0`, relative to 1 + |u|, in float64.
 
     The larger of the greatest violation and of what the best nonnegative multipliers leave of stationarity and
     of complementary slackness. Rows are scaled to length one first; no row may be zero.
@@ -18,6 +19,9 @@ def kkt_residual(
     ell, b, u = (np.asarray(part, np.float64) for part in (ell, b, u))
     if not np.isfinite(u).all():
         return float("inf")
+    if metric is not None:
+        root = np.linalg.cholesky(metric)
+        ell, u = np.linalg.solve(root, ell.T).T, root.T @ u
     length = np.linalg.norm(ell, axis=1)
     unit = ell / length[:, None]
     slack = unit @ u + b / length

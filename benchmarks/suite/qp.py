@@ -18,6 +18,7 @@ from .rows import Row, Way, rows_of
 
 INPUTS, SEED = 3, 0  # of an agent of the tabletop
 ROWS = (2, 3, 6)
+METRIC = ((2.0, 0.5, 0.0), (0.5, 1.0, 0.2), (0.0, 0.2, 0.5))
 MANY, FEW = (
     4096,
     256,
@@ -73,7 +74,8 @@ def _compared(rows: int, patience: Patience, quick: bool) -> Iterator[Row]:
                 Row(label, what, note=f"doesn't run: {type(error).__name__}: {error}"[:120])
             )
             continue
-        off = [kkt_residual(*one) for one in zip(ell, b, found, strict=True)]
+        metric = np.array(METRIC) if name == "ours, metric" else None
+        off = [kkt_residual(*one, metric) for one in zip(ell, b, found, strict=True)]
         reference = None if peer.reference is None else f"qp/{rows}/{peer.reference}"
         ways[label], calls[label] = Way(what, count, reference), call
         median, late, worst = np.quantile(off, (0.5, 0.99, 1.0))
@@ -117,6 +119,10 @@ def _given(ell: np.ndarray, b: np.ndarray, wide: bool) -> tuple[Any, Any]:
 
 def _ours(ell: Any, b: Any) -> Any:
     return min_norm_input(ell, b).u
+
+
+def _ours_in_metric(ell: Any, b: Any) -> Any:
+    return min_norm_input(ell, b, jnp.asarray(METRIC, ell.dtype)).u
 
 
 def _qpax(ell: Any, b: Any) -> Any:
@@ -189,6 +195,7 @@ def _proxsuite(ell: np.ndarray, b: np.ndarray) -> Callable[[], Any]:
 PEERS = {
     "ours, float64": Peer("ours in float64", partial(_batched, _ours, True), reference=None),
     "ours, float32": Peer("ours in float32", partial(_batched, _ours, False)),
+    "ours, metric": Peer("ours in float64, in a metric", partial(_batched, _ours_in_metric, True)),
     "ours, one by one": Peer("ours in float64, one call each", partial(_one_by_one, _ours), instances=FEW),
     "qpax": Peer("qpax in float64", partial(_batched, _qpax, True), "qpax"),
     "qpax, float32": Peer("qpax in float32", partial(_batched, _qpax, False), "qpax", reference="ours, float32"),
