@@ -24,6 +24,7 @@ FLOORS = [
         "field",
         "guidance",
         "neighbours",
+        "requirements",
         "weights",
         "shapes",
         "solver",

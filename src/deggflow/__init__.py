@@ -4,6 +4,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from . import requirements
     from .certificate import Certificate
     from .certification import Trajectory, certify, certify_batch, verdicts
     from .drift import (
@@ -105,6 +106,7 @@ __all__ = [
     "hinge_violation",
     "min_norm_input",
     "refined_grid",
+    "requirements",
     "safe_norm",
     "sample",
     "verdicts",
@@ -112,6 +114,8 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
+    if name == "requirements":
+        return importlib.import_module("deggflow.requirements")
     if name not in _MODULE_OF:
         raise AttributeError(f"module 'deggflow' has no attribute {name!r}")
     value = getattr(importlib.import_module(f"deggflow.{_MODULE_OF[name]}"), name)

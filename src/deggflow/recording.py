@@ -16,7 +16,8 @@ from .certificate import (
     count_points,
 )
 from .divergence import END_OF_SCALE, finite
-from .guidance import DecoupledGuidance
+from .guidance import DecoupledGuidance, MarginLabel
+from .guidance.requirement import MarginNames
 from .trace import NotANumber, Summary, Trace
 
 
@@ -182,18 +183,21 @@ def _team_verdict(name: str, margin: float) -> RequirementVerdict:
 def _agents_verdict(
     name: str,
     margins: Float[np.ndarray, "agents margins"],
-    labels: Sequence[str] | None,
+    names: MarginNames | None,
     agents: Sequence[str] | None,
 ) -> RequirementVerdict:
     numbers = np.where(np.isnan(margins), -np.inf, margins)
     agent, column = divmod(int(numbers.argmin()), margins.shape[1])
-    who = f"agent {agent}" if agents is None else agents[agent]
+    who = agent_names(agents, len(margins))
     if np.isnan(margins[agent, column]):
         return RequirementVerdict(
-            name, -END_OF_SCALE, f"the margins of {name} are not a number at {who}"
+            name, -END_OF_SCALE, f"the margins of {name} are not a number at {who[agent]}"
         )
     least = finite(numbers[agent, column])
     if least >= 0:
         return RequirementVerdict(name, least, None)
-    which = "" if labels is None else f" ({labels[column]})"
-    return RequirementVerdict(name, least, f"{who} misses {name}{which} by {-least:.6g}")
+    label = MarginLabel("", "") if names is None else names(column, margins.shape[1], who)
+    which, unit = f" ({label.text})" if label.text else "", f" {label.unit}" if label.unit else ""
+    return RequirementVerdict(
+        name, least, f"{who[agent]} misses {name}{which} by {-least:.6g}{unit}"
+    )

@@ -6,6 +6,8 @@ from .bound import AbstractBound, TighteningBound
 from .decoupled import AbstractGuidance, DecoupledGuidance, NoGuidance
 from .margins import (
     AbstractMargins,
+    AbstractNamedMargins,
+    MarginLabel,
     Margins,
     Pairs,
     distances,
@@ -18,12 +20,14 @@ from .report import GuidanceReport, report_without_rows
 from .requirement import AbstractRequirement, Demand, Rows
 from .schedule import AbstractSchedule, LinearSchedule, PowerSchedule
 from .shared import Recovering, SharedFactor, SharedRequirements
+from .sums import SumOfMargins
 
 __all__ = [
     "AbstractAllocation",
     "AbstractBound",
     "AbstractGuidance",
     "AbstractMargins",
+    "AbstractNamedMargins",
     "AbstractRequirement",
     "AbstractSchedule",
     "AgentInput",
@@ -34,6 +38,7 @@ __all__ = [
     "GuidanceReport",
     "LinearSchedule",
     "Local",
+    "MarginLabel",
     "Margins",
     "MinNormInput",
     "NoGuidance",
@@ -46,6 +51,7 @@ __all__ = [
     "Rows",
     "SharedFactor",
     "SharedRequirements",
+    "SumOfMargins",
     "TighteningBound",
     "agent_input",
     "communication_cost",

@@ -16,7 +16,7 @@ from .directions import DELTA, effective_directions
 from .metric import check_metric
 from .qp import MinNormInput, check_limits, min_norm_input
 from .report import GuidanceReport, not_finite, report_without_rows
-from .requirement import AbstractRequirement, Control, ControlMap, Demand, Rows
+from .requirement import AbstractRequirement, Control, ControlMap, Demand, MarginNames, Rows
 
 TIGHT = 1e-4  # of |ell| |u| + |b|: rows met as closely are active
 
@@ -120,7 +120,7 @@ class DecoupledGuidance(AbstractGuidance):
         each = [each.margins_at_end(z, condition, mask) for each in self.requirements]
         return tuple(margins for own in each for margins in own)
 
-    def margin_names(self) -> tuple[tuple[str, ...] | None, ...]:
+    def margin_names(self) -> tuple[MarginNames | None, ...]:
         """Names of every row's margins."""
         return tuple(
             requirement.margin_names(row)

@@ -4,7 +4,7 @@ A plain function of (z, condition) is enough; tasks with thousands of margins gi
 """
 
 import abc
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -58,6 +58,36 @@ class AbstractMargins(eqx.Module):
         self, z: States, condition: Any, buffer: float
     ) -> Bool[Array, "owners agents"] | Pairs:
         """Which agents' states each V_j depends on now; always on its own."""
+
+
+class MarginLabel(NamedTuple):
+    """What a certificate says of one column of margins.
+
+    Attributes:
+        text: Which margin it is; may be empty.
+        unit: Its unit; may be empty.
+    """
+
+    text: str
+    unit: str
+
+
+class AbstractNamedMargins(AbstractMargins):
+    """Margins that leave out absent agents by themselves and can say what each of their columns is."""
+
+    @abc.abstractmethod
+    def masked(self, mask: Mask) -> "AbstractNamedMargins":
+        """The same margins of the agents that are present; the others have none, and infinite margins."""
+
+    @abc.abstractmethod
+    def label(self, column: int, columns: int, agents: Sequence[str]) -> MarginLabel:
+        """Name and unit of a column.
+
+        Args:
+            column: Index of the column.
+            columns: Number of columns.
+            agents: Names of the agents.
+        """
 
 
 class FunctionMargins(AbstractMargins):

@@ -1,6 +1,7 @@
 """Private requirements (PE guidance): each agent owns a violation that its neighbours also affect."""
 
 import math
+from dataclasses import fields, replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -10,16 +11,24 @@ from jaxtyping import Array, Float
 from deggflow.shapes import Mask, RowFlags, RowValues, Scalar, States
 
 from .allocation import AbstractAllocation, Pooled
-from .margins import AbstractMargins, FunctionMargins, Margins
+from .margins import (
+    AbstractMargins,
+    AbstractNamedMargins,
+    FunctionMargins,
+    MarginLabel,
+    Margins,
+)
 from .requirement import (
     AbstractRequirement,
     Control,
     Demand,
+    MarginNames,
     check_buffer,
     check_unrounded,
     input_gradient,
 )
 from .schedule import AbstractSchedule, LinearSchedule
+from .sums import SumOfMargins
 
 MIN_REMAINING = 0.01  # floor of the remaining integral of omega, where re-anchoring divides by it
 MIN_VIOLATION = 1e-30  # floor of V(0) in c (paper, Task 2)
@@ -55,6 +64,9 @@ class PrivateRequirement(AbstractRequirement):
     With `per_owner_gain`, each owner takes its c_j from its own V_j: the demands, linear in V_j then, add up to that of
     V exactly, and nobody has to know the team's V. (With one c for all, sum_j V_j^rho >= V^rho: the demand grows with
     the team, up to n^(1 - rho) times, and so do the steps' errors.)
+
+    The sum of two private requirements asks for both and has one V, in which margins are measured in their own buffers,
+    so that V at most 1/2 implies all of them. Their other settings must agree.
 
     Attributes:
         margins: h(z, condition) of shape (agents, margins), or an object that sums them faster.
@@ -116,7 +128,34 @@ class PrivateRequirement(AbstractRequirement):
     def names(self) -> tuple[str, ...]:
         return (self.name,)
 
+    def __add__(self, other: "PrivateRequirement") -> "PrivateRequirement":
+        if not isinstance(other, PrivateRequirement):
+            return NotImplemented
+        names = [
+            each.name
+            for each in fields(self)
+            if each.name not in ("margins", "buffer", "name", "margin_labels")
+        ]
+        for name in names:
+            one, two = getattr(self, name), getattr(other, name)
+            if not eqx.tree_equal(one, two):
+                raise ValueError(
+                    f"`{name}` of {self.name!r} is {one}, of {other.name!r} {two}: the sum of two requirements has one V, so "
+                    "these must agree; put requirements with settings of their own into a tuple."
+                )
+        whole = SumOfMargins.of(self._part(), other._part())
+        name = f"{self.name} + {other.name}"
+        return replace(self, margins=whole, buffer=1.0, name=name, margin_labels=None)
+
+    def _part(self) -> SumOfMargins:
+        if isinstance(self.margins, SumOfMargins):
+            return self.margins
+        labels = self.margin_labels or ()
+        return SumOfMargins((self._judged(None),), (self.buffer,), (labels,))
+
     def _judged(self, mask: Mask) -> AbstractMargins:
+        if isinstance(self.margins, AbstractNamedMargins):
+            return self.margins.masked(mask)
         if isinstance(self.margins, AbstractMargins):
             return self.margins
         return FunctionMargins(self.margins, self.name, mask)
@@ -155,8 +194,11 @@ class PrivateRequirement(AbstractRequirement):
         check_unrounded(f"`margins` of {self.name!r} are", margins, z)
         return (margins,)
 
-    def margin_names(self, row: int) -> tuple[str, ...] | None:
-        return self.margin_labels
+    def margin_names(self, row: int) -> MarginNames | None:
+        if isinstance(self.margins, AbstractNamedMargins):
+            return self.margins.label
+        labels = self.margin_labels
+        return None if labels is None else lambda k, _, __: MarginLabel(labels[k], "")
 
     def demand(
         self,

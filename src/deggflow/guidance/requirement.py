@@ -6,7 +6,7 @@ sample.
 
 import abc
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -15,11 +15,16 @@ from jaxtyping import Array, Bool, Float
 
 from deggflow.shapes import Mask, RowFlags, RowValues, Scalar, States
 
+from .margins import MarginLabel
+
 ControlMap = Callable[[Scalar, States, Any], Float[Array, "agents dim inputs"]]
 """g: (tau, z, condition) -> one matrix per agent; `None` stands for the identity."""
 
 Control = Float[Array, "agents dim inputs"] | None
 """g at one state; None: the identity."""
+
+MarginNames = Callable[[int, int, Sequence[str]], MarginLabel]
+"""From a column of a row's margins, their number and the agents' names, what the column is."""
 
 
 class Rows(NamedTuple):
@@ -108,7 +113,7 @@ class AbstractRequirement(eqx.Module):
         """
 
     @abc.abstractmethod
-    def margin_names(self, row: int) -> tuple[str, ...] | None:
+    def margin_names(self, row: int) -> MarginNames | None:
         """Names of the margins of a row, if they have names."""
 
     @abc.abstractmethod

@@ -1,0 +1,85 @@
+"""Repulsion from boxes around the origin: hinges over distances that are continuously differentiable outside of them."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .term import hinge, root
+
+Local = Float[Array, "axes regions agents waypoints"]
+Half = Float[Array, "axes regions 1 1"]
+Each = Float[Array, "regions agents waypoints"]
+
+
+def overlap(gap: Float[Array, "..."], reach: Any) -> Float[Array, "..."]:
+    """What is added where shapes overlap by -gap: hinge(reach - gap) less its value at contact."""
+    deep = jnp.where(gap < 0, -gap, 0.0)
+    return deep**2 / 2 + reach * deep
+
+
+def _size(a: Float[Array, "..."]) -> Float[Array, "..."]:
+    """The absolute value; at zero it has a slope, so that a point in the middle of a box can leave it."""
+    return jnp.where(a >= 0, a, -a)
+
+
+def point_repulsion(point: Local, half: Half, reach: Any) -> Each:
+    """Of points."""
+    gap = _size(point) - half
+    out = jnp.where(gap > 0, gap, 0.0)
+    return hinge(reach - root(jnp.sum(out**2, axis=0))) + overlap(jnp.max(gap, axis=0), reach)
+
+
+def segment_repulsion(first: Local, last: Local, half: Half, reach: Any, eps: float) -> Each:
+    """Of straight segments, by distances that are at most `eps` smaller than the exact ones.
+
+    The squared distance of `first + s way` is convex in s, its slope piecewise linear with breaks where a coordinate
+    passes a face. With (2 eps)^2 (s - 1/2)^2 added, the least value is at one s, which is held fixed (Danskin).
+    """
+    way, weight = last - first, 4 * eps**2
+    s = jax.lax.stop_gradient(_minimiser(first, way, half, weight))
+    gap = _size(first + s[None] * way) - half
+    out = jnp.where(gap > 0, gap, 0.0)
+    near = root(jnp.sum(out**2, axis=0) + weight * (s - 0.5) ** 2) - eps
+    return hinge(reach - near) + overlap(_parting(first, last, half), reach)
+
+
+def _minimiser(first: Local, way: Local, half: Half, weight: float) -> Each:
+    """Root in [0, 1] of the slope, between the nearest of its breaks on either side."""
+
+    def slope(s: Each) -> Each:
+        point = first + s[None] * way
+        over = point - jnp.clip(point, -half, half)
+        return jnp.sum(over * way, axis=0) + weight * (s - 0.5)
+
+    low, high = jnp.zeros_like(first[0]), jnp.ones_like(first[0])
+    at_low, at_high = slope(low), slope(high)
+    moving = way != 0
+    for side in (-1.0, 1.0):
+        breaks = (side * half - first) / jnp.where(moving, way, 1.0)
+        for s in jnp.clip(jnp.where(moving, breaks, 0.0), 0.0, 1.0):
+            here = slope(s)
+            below, above = (here <= 0) & (s > low), (here >= 0) & (s < high)
+            low, at_low = jnp.where(below, s, low), jnp.where(below, here, at_low)
+            high, at_high = jnp.where(above, s, high), jnp.where(above, here, at_high)
+    rise = at_high - at_low
+    part = jnp.where(rise > 0, -at_low / jnp.where(rise > 0, rise, 1.0), 0.0)
+    return low + jnp.clip(part, 0.0, 1.0) * (high - low)
+
+
+def _parting(first: Local, last: Local, half: Half) -> Each:
+    """Largest gap along the axes that can part a segment from a box, negative where they overlap."""
+    low, high = jnp.minimum(first, last), jnp.maximum(first, last)
+    gap = jnp.max(jnp.maximum(low - half, -high - half), axis=0)
+    way = last - first
+    for i in range(len(way)):
+        for j in range(i + 1, len(way)):
+            # Normal to the segment and, in space, to the axis that is neither i nor j.
+            square = way[i] ** 2 + way[j] ** 2
+            still = square == 0
+            size = jnp.sqrt(jnp.where(still, 1.0, square))
+            across = _size(way[i] * first[j] - way[j] * first[i])
+            reach = jnp.abs(way[i]) * half[j] + jnp.abs(way[j]) * half[i]
+            gap = jnp.maximum(gap, jnp.where(still, -jnp.inf, (across - reach) / size))
+    return gap

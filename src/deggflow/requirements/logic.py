@@ -1,0 +1,275 @@
+"""Temporal logic over the waypoints of a trajectory: always, eventually, until, and, or.
+
+A formula has a robustness at each waypoint, in m, nonnegative where it holds (Donze and Maler, 2010). Guidance uses smooth
+minima and maxima that are never above the exact ones, so that what it reaches holds; the verdict uses the exact ones.
+"""
+
+import abc
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax.lax import associative_scan, cumlogsumexp
+from jax.nn import logsumexp
+from jaxtyping import Array, Bool, Float
+
+from deggflow.guidance import MarginLabel, PrivateRequirement
+from deggflow.shapes import AgentValues, Mask, States
+
+from .layout import Layout
+from .regions import AbstractRegion, as_region
+from .smooth import maximum_below, minimum_below
+from .term import AbstractOwnTerm, hinge
+from .values import Value, resolve
+
+Signal = Float[Array, "agents waypoints"]
+Window = tuple[int, int | None]
+FAR = 1e6  # m, beyond any robustness: what is not in a window
+
+
+class AbstractFormula(eqx.Module):
+    """What each agent's trajectory satisfies, from each waypoint on."""
+
+    @abc.abstractmethod
+    def robustness(self, x: Float[Array, "axes agents waypoints"], condition: Any) -> Signal:
+        """Exact, by minima and maxima."""
+
+    @abc.abstractmethod
+    def bound(
+        self, x: Float[Array, "axes agents waypoints"], condition: Any, width: float
+    ) -> Signal:
+        """Smooth, negative wherever the robustness is; by minima and maxima that are each too small by at most `width`."""
+
+    def __and__(self, other: "AbstractFormula") -> "AbstractFormula":
+        return Both(self, other)
+
+    def __or__(self, other: "AbstractFormula") -> "AbstractFormula":
+        return Either(self, other)
+
+
+class Within(AbstractFormula):
+    """The waypoint is inside one of several convex regions, with a radius.
+
+    Attributes:
+        region: Regions.
+        radius: Of the agents, in m.
+    """
+
+    region: Value | AbstractRegion
+    radius: float = 0.0
+
+    def robustness(self, x: Float[Array, "axes agents waypoints"], condition: Any) -> Signal:
+        region = as_region(resolve(self.region, condition, x.dtype))
+        return jnp.max(region.depth(x), axis=0) - self.radius
+
+    def bound(
+        self, x: Float[Array, "axes agents waypoints"], condition: Any, width: float
+    ) -> Signal:
+        faces = as_region(resolve(self.region, condition, x.dtype)).faces(x)
+        # The depth inside; outside, of the same sign.
+        depth = minimum_below(faces, width, axis=0)
+        return maximum_below(depth, width, axis=0) - self.radius
+
+
+class Without(AbstractFormula):
+    """The waypoint is outside of convex regions, with a radius.
+
+    Attributes:
+        region: Regions.
+        radius: Of the agents, in m.
+    """
+
+    region: Value | AbstractRegion
+    radius: float = 0.0
+
+    def robustness(self, x: Float[Array, "axes agents waypoints"], condition: Any) -> Signal:
+        region = as_region(resolve(self.region, condition, x.dtype))
+        return jnp.min(region.clearance(x, False), axis=0) - self.radius
+
+    def bound(
+        self, x: Float[Array, "axes agents waypoints"], condition: Any, width: float
+    ) -> Signal:
+        faces = as_region(resolve(self.region, condition, x.dtype)).faces(x)
+        # The gap beyond the farthest face is at most the distance.
+        gaps = maximum_below(-faces, width, axis=0)
+        return minimum_below(gaps, width, axis=0) - self.radius
+
+
+class Both(AbstractFormula):
+    """Both of two formulas.
+
+    Attributes:
+        one: A formula.
+        other: Another.
+    """
+
+    one: AbstractFormula
+    other: AbstractFormula
+
+    def robustness(self, x: Float[Array, "axes agents waypoints"], condition: Any) -> Signal:
+        return jnp.minimum(self.one.robustness(x, condition), self.other.robustness(x, condition))
+
+    def bound(
+        self, x: Float[Array, "axes agents waypoints"], condition: Any, width: float
+    ) -> Signal:
+        both = [each.bound(x, condition, width) for each in (self.one, self.other)]
+        return minimum_below(jnp.stack(both), width, axis=0)
+
+
+class Either(AbstractFormula):
+    """At least one of two formulas.
+
+    Attributes:
+        one: A formula.
+        other: Another.
+    """
+
+    one: AbstractFormula
+    other: AbstractFormula
+
+    def robustness(self, x: Float[Array, "axes agents waypoints"], condition: Any) -> Signal:
+        return jnp.maximum(self.one.robustness(x, condition), self.other.robustness(x, condition))
+
+    def bound(
+        self, x: Float[Array, "axes agents waypoints"], condition: Any, width: float
+    ) -> Signal:
+        both = [each.bound(x, condition, width) for each in (self.one, self.other)]
+        return maximum_below(jnp.stack(both), width, axis=0)
+
+
+class Always(AbstractFormula):
+    """A formula holds at all waypoints of a window.
+
+    Attributes:
+        inner: The formula.
+        window: First and last waypoint, counted from the present one; None: to the end. What is beyond the end does not
+            count.
+    """
+
+    inner: AbstractFormula
+    window: Window = eqx.field(static=True, default=(0, None))
+
+    def robustness(self, x: Float[Array, "axes agents waypoints"], condition: Any) -> Signal:
+        inner = self.inner.robustness(x, condition)[:, None]
+        return jnp.min(jnp.where(_seen(self.window, x), inner, FAR), axis=2)
+
+    def bound(
+        self, x: Float[Array, "axes agents waypoints"], condition: Any, width: float
+    ) -> Signal:
+        inner = self.inner.bound(x, condition, width)[:, None]
+        return minimum_below(jnp.where(_seen(self.window, x), inner, FAR), width, axis=2)
+
+
+class Eventually(AbstractFormula):
+    """A formula holds at some waypoint of a window.
+
+    Attributes:
+        inner: The formula.
+        window: As of `Always`; from a waypoint at which all of it is beyond the end, the formula fails.
+    """
+
+    inner: AbstractFormula
+    window: Window = eqx.field(static=True, default=(0, None))
+
+    def robustness(self, x: Float[Array, "axes agents waypoints"], condition: Any) -> Signal:
+        inner = self.inner.robustness(x, condition)[:, None]
+        return jnp.max(jnp.where(_seen(self.window, x), inner, -FAR), axis=2)
+
+    def bound(
+        self, x: Float[Array, "axes agents waypoints"], condition: Any, width: float
+    ) -> Signal:
+        inner = self.inner.bound(x, condition, width)[:, None]
+        return maximum_below(jnp.where(_seen(self.window, x), inner, -FAR), width, axis=2)
+
+
+class Until(AbstractFormula):
+    """A formula holds at all waypoints up to one of a window, at which another one holds.
+
+    Attributes:
+        before: What holds from the present waypoint on, up to and including that one.
+        then: What holds there.
+        window: As of `Eventually`.
+    """
+
+    before: AbstractFormula
+    then: AbstractFormula
+    window: Window = eqx.field(static=True, default=(0, None))
+
+    def robustness(self, x: Float[Array, "axes agents waypoints"], condition: Any) -> Signal:
+        first = jnp.where(_seen((0, None), x), self.before.robustness(x, condition)[:, None], FAR)
+        held = associative_scan(jnp.minimum, first, axis=2)
+        both = jnp.minimum(held, self.then.robustness(x, condition)[:, None])
+        return jnp.max(jnp.where(_seen(self.window, x), both, -FAR), axis=2)
+
+    def bound(
+        self, x: Float[Array, "axes agents waypoints"], condition: Any, width: float
+    ) -> Signal:
+        sharpness = math.log(max(x.shape[2], 2)) / width
+        first = jnp.where(_seen((0, None), x), self.before.bound(x, condition, width)[:, None], FAR)
+        held = -cumlogsumexp(-sharpness * first, axis=2) / sharpness
+        then = self.then.bound(x, condition, width)[:, None]
+        both = -logsumexp(
+            jnp.stack([-sharpness * held, jnp.broadcast_to(-sharpness * then, held.shape)]), axis=0
+        )
+        return maximum_below(jnp.where(_seen(self.window, x), both / sharpness, -FAR), width, 2)
+
+
+def _seen(
+    window: Window, x: Float[Array, "axes agents waypoints"]
+) -> Bool[np.ndarray, "1 now later"]:
+    """Which waypoints are in the window of which."""
+    ahead = np.arange(x.shape[2])[None] - np.arange(x.shape[2])[:, None]
+    last = x.shape[2] if window[1] is None else window[1]
+    return ((ahead >= window[0]) & (ahead <= last))[None]
+
+
+class Satisfied(AbstractOwnTerm):
+    """The robustness of a formula from the first waypoint on, in m.
+
+    Attributes:
+        formula: Of each agent.
+        layout: Of trajectories.
+        mask: Agents that are present; None: all.
+    """
+
+    formula: AbstractFormula
+    layout: Layout
+    mask: Mask = None
+
+    def exact(self, z: States, condition: Any) -> Float[Array, "agents margins"]:
+        return self.formula.robustness(self.layout.positions(z, condition), condition)[:, :1]
+
+    def hinges(self, z: States, condition: Any, buffer: float) -> AgentValues:
+        x = self.layout.positions(z, condition)
+        return hinge(buffer - self.formula.bound(x, condition, WIDTH * buffer)[:, 0])
+
+    def label(self, column: int, columns: int, agents: Sequence[str]) -> MarginLabel:
+        return MarginLabel("robustness", self.layout.unit)
+
+
+WIDTH = 0.25  # of a buffer: the narrower, the fewer waypoints guidance moves at once
+
+
+def satisfies(
+    formula: AbstractFormula, *, layout: Layout, buffer: float = 0.01, name: str = "formula"
+) -> PrivateRequirement:
+    """Each agent's trajectory satisfies a formula of temporal logic, at its waypoints.
+
+    Args:
+        formula: Made of `Within`, `Without`, `Always`, `Eventually`, `Until`, `&` and `|`.
+        layout: Of trajectories.
+        buffer: Robustness that guidance aims at, in m.
+        name: What certificates call it.
+
+    Example:
+        >>> visit = Eventually(Within(Disc((1.0, 0.0), 0.5)))
+        >>> z = jnp.array([[0.0, 0.0, 1.0, 0.25, 2.0, 0.0]])
+        >>> satisfies(visit, layout=trajectories(3)).margins(z, None)
+        Array([[0.25]], dtype=float32)
+    """
+    if not isinstance(formula, AbstractFormula):
+        raise TypeError(f"`formula` must be made of `Within`, `Always`, ...; got {formula!r}.")
+    return PrivateRequirement(Satisfied(formula, layout), buffer, name=name)

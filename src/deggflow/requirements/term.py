@@ -1,0 +1,113 @@
+"""What every named requirement is made of: exact margins for the verdict, hinges for guidance, and labels."""
+
+import abc
+from dataclasses import replace
+from typing import Any, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from deggflow.guidance import AbstractNamedMargins
+from deggflow.shapes import AgentValues, Mask, Scalar, States
+
+from .layout import Layout
+
+EPS = 0.05  # of a buffer, by which smoothed distances may fall short of the exact ones
+
+Term = TypeVar("Term", bound="AbstractTerm")
+
+
+class AbstractTerm(AbstractNamedMargins):
+    """One kind of requirement. V_j at most buffer^2 / 2 implies that every exact margin of agent j is nonnegative.
+
+    The verdict is made of `exact`, in float64. Guidance brings down the sum of `hinges`, which are smooth where the
+    exact margins have kinks, and which are not computed by the same code.
+    """
+
+    layout: eqx.AbstractVar[Layout]
+    mask: eqx.AbstractVar[Mask]
+
+    @abc.abstractmethod
+    def exact(self, z: States, condition: Any) -> Float[Array, "agents margins"]:
+        """Margins, in the term's unit; absent agents may have any."""
+
+    @abc.abstractmethod
+    def hinges(self, z: States, condition: Any, buffer: float) -> AgentValues:
+        """V_j, in the squared unit; absent agents may have any."""
+
+    @abc.abstractmethod
+    def active(
+        self, z: States, condition: Any, buffer: float
+    ) -> Bool[Array, "owners agents"] | None:
+        """Whose states each V_j depends on now besides its own; None: nobody's."""
+
+    def masked(self: Term, mask: Mask) -> Term:
+        return replace(self, mask=mask)
+
+    def __call__(self, z: States, condition: Any) -> Float[Array, "agents margins"]:
+        """Exact margins, infinite for absent agents."""
+        margins = self.exact(z, condition)
+        return margins if self.mask is None else jnp.where(self.mask[:, None], margins, jnp.inf)
+
+    def violation(self, z: States, condition: Any, buffer: float) -> AgentValues:
+        """V_j of each agent, zero for absent agents."""
+        values = self.hinges(z, condition, buffer)
+        return values if self.mask is None else jnp.where(self.mask, values, 0.0)
+
+    def violation_and_gradient(
+        self, z: States, condition: Any, buffer: float
+    ) -> tuple[AgentValues, States]:
+        """By reverse mode."""
+
+        def total(z: States) -> tuple[Scalar, AgentValues]:
+            parts = self.violation(z, condition, buffer)
+            return jnp.sum(parts), parts
+
+        gradient, parts = jax.grad(total, has_aux=True)(z)
+        return parts, gradient
+
+    def dependence(self, z: States, condition: Any, buffer: float) -> Bool[Array, "owners agents"]:
+        """Whose states each V_j depends on now."""
+        own = jnp.eye(len(z), dtype=bool)
+        others = self.active(z, condition, buffer)
+        return own if others is None else own | others
+
+
+class AbstractOwnTerm(AbstractTerm):
+    """A term in which each agent's margins depend on its own state alone."""
+
+    def active(self, z: States, condition: Any, buffer: float) -> None:
+        return None
+
+
+def hinge(excess: Float[Array, "..."]) -> Float[Array, "..."]:
+    """max(excess, 0)^2 / 2."""
+    # A choice, not `jnp.maximum`: half the kernels in its gradient.
+    return jnp.where(excess > 0, excess, 0.0) ** 2 / 2
+
+
+def root(square: Float[Array, "..."]) -> Float[Array, "..."]:
+    """Square root with a gradient of zero at zero."""
+    zero = square == 0
+    return jnp.where(zero, 0.0, jnp.sqrt(jnp.where(zero, 1.0, square)))
+
+
+def length(vector: Float[Array, "axes ..."]) -> Float[Array, "..."]:
+    """Euclidean length along the first axis, with a gradient of zero at the zero vector."""
+    return root(jnp.sum(vector**2, axis=0))
+
+
+def nearest_on_the_way(
+    start: Float[Array, "axes ..."], way: Float[Array, "axes ..."], eps: float
+) -> Float[Array, "..."]:
+    """Distance of the origin to segments `start + s way`, from below by at most `eps`, continuously differentiable.
+
+    min over s in [0, 1] of |start + s way|^2 + (2 eps)^2 (s - 1/2)^2 has a unique minimiser even for a segment that is a
+    point, so its gradient is that at the minimiser held fixed (Danskin). It exceeds the squared distance by at most eps^2.
+    """
+    square, along = jnp.sum(way**2, axis=0), jnp.sum(start * way, axis=0)
+    weight = 4 * eps**2
+    s = jax.lax.stop_gradient(jnp.clip((weight / 2 - along) / (square + weight), 0.0, 1.0))
+    return root(jnp.sum((start + s[None] * way) ** 2, axis=0) + weight * (s - 0.5) ** 2) - eps
