@@ -5,9 +5,11 @@ import importlib
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
 
 import deggflow
+from deggflow import requirements
 
 MODULES = (
     "guidance.allocation",
@@ -40,6 +42,23 @@ def test_examples_run(name):
         **{public: getattr(deggflow, public) for public in deggflow.__all__},
     }
     module = importlib.import_module(f"deggflow.{name}")
+    run(module, known)
+
+
+NAMED = (
+    "apart", "bodies", "equality", "grid", "layout", "logic", "modes", "motion", "placement", "regions", "smooth", "team",
+    "values",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_examples_of_named_requirements_run(name):
+    public = {each: getattr(requirements, each) for each in requirements.__all__}
+    module = importlib.import_module(f"deggflow.requirements.{name}")
+    run(module, {"jax": jax, "jnp": jnp, "np": np, **public, **vars(module)})
+
+
+def run(module, known):
     tests = [test for test in doctest.DocTestFinder().find(module, globs=known) if test.examples]
     assert tests
     for test in tests:

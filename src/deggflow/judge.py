@@ -20,6 +20,7 @@ from .trace import Point, Summary, TracedReport, add_point, empty_summary, trace
 PRECISION = {np.dtype(np.float32): 1e-5, np.dtype(np.float64): 1e-9}
 """Of |ell| |dz/dtau| + |b|, by the type in which states were computed: rows met as closely are met."""
 TINY = 1e-300
+SAME = 1e-12  # relative: the rounding of one margin, computed twice in one program
 NEAR = 1e-5  # of 1 + |z|: either side of a point at which a requirement's gradient is looked at
 UNSMOOTH = 0.5  # by which the jump of a slope shrinks at most where there is a kink, as `NEAR` is quartered
 
@@ -60,7 +61,7 @@ def judge(
         elsewhere = jnp.where(mask[:, None], z, steps * far)
         margins_elsewhere = guidance.margins_at_end(elsewhere, condition, mask)
         leaks = jnp.stack([
-            jnp.any(~((a == b) | (jnp.isnan(a) & jnp.isnan(b))))
+            jnp.any(~((a == b) | (jnp.abs(a - b) <= SAME * (1 + jnp.abs(a))) | (jnp.isnan(a) & jnp.isnan(b))))
             for a, b in zip(margins, margins_elsewhere, strict=True)
         ]) & jnp.all(is_finite | ~mask[:, None])  # fmt: skip
     zero, one = jnp.zeros((), z.dtype), jnp.ones((), z.dtype)

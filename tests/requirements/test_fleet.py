@@ -63,15 +63,15 @@ def obstacles():
 
 
 def test_a_fleets_plans_are_certified_and_right():
-    arguments = dict(key=jax.random.key(0), count=4, shape=(ROBOTS, 2 * WAYPOINTS))
+    arguments = {"key": jax.random.key(0), "count": 4, "shape": (ROBOTS, 2 * WAYPOINTS)}
     nominal = sample(field, GUIDANCE, CONDITION, guided=False, **arguments)
     assert not nominal.satisfied.any()
     result = sample(field, GUIDANCE, CONDITION, **arguments)
     assert result.satisfied.all(), str(result)
-    for z in result.z:
-        with jax.enable_x64(True):
-            exact = jax.tree.map(lambda leaf: np.asarray(leaf, float), CONDITION)
-            paths = np.asarray(LAYOUT.paths(np.asarray(z, float), exact))
+    with jax.enable_x64(True):
+        exact = jax.tree.map(lambda leaf: np.asarray(leaf, float), CONDITION)
+        all_paths = np.asarray(LAYOUT.paths(np.asarray(result.z, float), exact))
+    for paths in all_paths:
         assert np.array_equal(paths[:, 0], START)
         assert np.array_equal(paths[:, -1], -START)
         assert np.linalg.norm(np.diff(paths, axis=1), axis=-1).max() <= STEP

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from deggflow.guidance import MarginLabel, PrivateRequirement
-from deggflow.shapes import AgentValues, Mask, States
+from deggflow.shapes import AgentValues, States
 
 from . import exact
 from .layout import POINTS, Layout
@@ -24,13 +24,9 @@ class Apart(AbstractTerm):
 
     Attributes:
         radius: Of all agents, or one for each.
-        layout: How states are read; between waypoints the motion is straight and simultaneous.
-        mask: Agents that are present; None: all.
     """
 
     radius: Value
-    layout: Layout = POINTS
-    mask: Mask = None
 
     def _radii(self, agents: int, condition: Any, dtype: Any) -> Float[Array, " agents"]:
         radius = resolve(self.radius, condition, dtype)
@@ -127,12 +123,11 @@ def apart(
         )
     check_positive("distance", distance, "the least distance")
     check_positive("radius", radius, "of each agent")
-    return PrivateRequirement(Apart(_half(distance, radius), layout), buffer, name=name)
+    half: Any = radius if distance is None else _half(distance)
+    return PrivateRequirement(Apart(half, layout=layout), buffer, name=name)
 
 
-def _half(distance: Value | None, radius: Value | None) -> Value:
-    if distance is None:
-        return radius
+def _half(distance: Value) -> Value:
     if isinstance(distance, str) or callable(distance):
         return _Half(distance)
     return np.asarray(distance, float) / 2

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from deggflow.guidance import MarginLabel, PrivateRequirement
-from deggflow.shapes import AgentValues, Mask, States
+from deggflow.shapes import AgentValues, States
 
 from . import convex, exact, polygon
 from .box import overlap
@@ -24,13 +24,9 @@ class BodiesApart(AbstractTerm):
 
     Attributes:
         corners: In the frame of a body, counter-clockwise; of all bodies, or of each.
-        layout: How states are read, with a heading.
-        mask: Agents that are present; None: all.
     """
 
     corners: Value
-    layout: Layout
-    mask: Mask = None
 
     def _placed(self, z: States, condition: Any) -> Float[Array, "corners 2 agents waypoints"]:
         x = self.layout.positions(z, condition)
@@ -127,4 +123,4 @@ def bodies_apart(
             corners = polygon.counter_clockwise(corners)
             if not polygon.is_convex(corners):
                 raise ValueError(f"`shape` must be a convex polygon; got {corners.tolist()}.")
-    return PrivateRequirement(BodiesApart(corners, layout), buffer, name=name)
+    return PrivateRequirement(BodiesApart(corners, layout=layout), buffer, name=name)

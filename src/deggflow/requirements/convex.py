@@ -3,12 +3,13 @@
 from typing import Any
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from .box import overlap
 from .term import hinge, nearest_on_the_way, root
 
-Pieces = Float[Array, "pieces corners 2"]
+Pieces = Float[Array | np.ndarray, "pieces corners 2"]
 Positions = Float[Array, "2 agents waypoints"]
 Each = Float[Array, "pieces agents steps"]
 

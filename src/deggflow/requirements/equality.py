@@ -10,9 +10,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from deggflow.guidance import MarginLabel, PrivateRequirement
-from deggflow.shapes import AgentValues, Mask, States
+from deggflow.shapes import AgentValues, States
 
-from .layout import POINTS, Layout
 from .term import AbstractTerm
 
 Equations = Callable[[States, Any], Float[Array, "agents equations"]]
@@ -22,21 +21,17 @@ Equations = Callable[[States, Any], Float[Array, "agents equations"]]
 class Equality(AbstractTerm):
     """A tolerance less |g|, for V_j = sum_k g_jk^2 / 2, which at most tolerance^2 / 2 implies |g| <= tolerance.
 
-    Two requirements g >= -tolerance and -g >= -tolerance would have opposed rows wherever |g| is within their buffers.
+    One V, not two shared factors +-g, whose rows would be opposed everywhere.
 
     Attributes:
         function: g.
         tolerance: In the unit of g.
         unit: Of g.
-        layout: Not used.
-        mask: Agents that are present; None: all.
     """
 
     function: Equations
     tolerance: float = eqx.field(static=True)
     unit: str = eqx.field(static=True, default="")
-    layout: Layout = POINTS
-    mask: Mask = None
 
     def _values(self, z: States, condition: Any) -> Float[Array, "agents equations"]:
         g = self.function(z, condition)

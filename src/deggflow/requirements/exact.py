@@ -91,7 +91,7 @@ def polygons_apart(
 
 def _edge_gap(one: Float[Array, "_ 2 ..."], other: Float[Array, "_ 2 ..."]) -> Float[Array, "..."]:
     """Largest gap along the normals of one polygon's edges, both ways; -inf where it has none."""
-    best = None
+    best = jnp.asarray(-jnp.inf, one.dtype)
     for k in range(len(one)):
         edge = one[(k + 1) % len(one)] - one[k]
         normal = jnp.stack([edge[1], -edge[0]])
@@ -103,7 +103,7 @@ def _edge_gap(one: Float[Array, "_ 2 ..."], other: Float[Array, "_ 2 ..."]) -> F
             jnp.min(its, axis=0) - jnp.max(own, axis=0), jnp.min(own, axis=0) - jnp.max(its, axis=0)
         )
         gap = jnp.where(size > 0, gap, -jnp.inf)
-        best = gap if best is None else jnp.maximum(best, gap)
+        best = jnp.maximum(best, gap)
     return best
 
 
@@ -111,10 +111,10 @@ def _corner_distance(
     corners: Float[Array, "_ 2 ..."], polygon: Float[Array, "_ 2 ..."]
 ) -> Float[Array, "..."]:
     """Least distance of corners to the edges of a polygon."""
-    best = None
+    best = jnp.asarray(jnp.inf, polygon.dtype)
     for k in range(len(polygon)):
         a, b = polygon[k], polygon[(k + 1) % len(polygon)]
         for corner in corners:
             near = segment_from_origin(a - corner, b - corner)
-            best = near if best is None else jnp.minimum(best, near)
+            best = jnp.minimum(best, near)
     return best

@@ -139,7 +139,7 @@ def _rectangles(
             continue
         run = left[row, column:]
         width = len(run) if run.all() else int(np.argmin(run))
-        block = left[row:, column : column + width].all(axis=1)
+        block = np.asarray(left[row:, column : column + width].all(axis=1))
         height = len(block) if block.all() else int(np.argmin(block))
         left[row : row + height, column : column + width] = False
         low.append((column, row))

@@ -4,7 +4,9 @@ import math
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from .values import Value, resolve
@@ -129,9 +131,13 @@ class Layout(eqx.Module):
         return jnp.where(zero, 1.0, x[0] / length), x[1] / length
 
     def paths(
-        self, z: Float[Array, "agents dim"], condition: Any = None
-    ) -> Float[Array, "agents waypoints entries"]:
-        """Waypoints of every agent, with the ends that are held: what was asked for.
+        self, z: Float[Array | np.ndarray, "*samples agents dim"], condition: Any = None
+    ) -> Float[Array, "*samples agents waypoints entries"]:
+        """Waypoints of every agent, with the ends that are held: what is judged.
+
+        Args:
+            z: Of one sample, or of many.
+            condition: One for all samples.
 
         Example:
             >>> held = Layout(axes=2, waypoints=3, goal=np.ones((1, 2)))
@@ -140,6 +146,8 @@ class Layout(eqx.Module):
                    [0., 0.],
                    [1., 1.]], dtype=float32)
         """
+        if z.ndim == 3:
+            return jax.vmap(lambda one: self.paths(one, condition))(jnp.asarray(z))
         return jnp.moveaxis(self.decode(jnp.asarray(z), condition), 0, 2)
 
     def when(self, step: int, between: bool) -> str:

@@ -17,7 +17,7 @@ from jax.nn import logsumexp
 from jaxtyping import Array, Bool, Float
 
 from deggflow.guidance import MarginLabel, PrivateRequirement
-from deggflow.shapes import AgentValues, Mask, States
+from deggflow.shapes import AgentValues, States
 
 from .layout import Layout
 from .regions import AbstractRegion, as_region
@@ -231,13 +231,9 @@ class Satisfied(AbstractOwnTerm):
 
     Attributes:
         formula: Of each agent.
-        layout: Of trajectories.
-        mask: Agents that are present; None: all.
     """
 
     formula: AbstractFormula
-    layout: Layout
-    mask: Mask = None
 
     def exact(self, z: States, condition: Any) -> Float[Array, "agents margins"]:
         return self.formula.robustness(self.layout.positions(z, condition), condition)[:, :1]
@@ -272,4 +268,4 @@ def satisfies(
     """
     if not isinstance(formula, AbstractFormula):
         raise TypeError(f"`formula` must be made of `Within`, `Always`, ...; got {formula!r}.")
-    return PrivateRequirement(Satisfied(formula, layout), buffer, name=name)
+    return PrivateRequirement(Satisfied(formula, layout=layout), buffer, name=name)

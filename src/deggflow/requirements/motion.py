@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from deggflow.guidance import MarginLabel, PrivateRequirement
-from deggflow.shapes import AgentValues, Mask, States
+from deggflow.shapes import AgentValues, States
 
 from . import exact
 from .layout import Layout
@@ -33,15 +33,11 @@ class Rate(AbstractOwnTerm):
 
     Attributes:
         limit: Of all agents, or one for each.
-        layout: Of trajectories.
         order: 1 or 2.
-        mask: Agents that are present; None: all.
     """
 
     limit: Value
-    layout: Layout
     order: int = eqx.field(static=True)
-    mask: Mask = None
 
     def _rates(self, z: States, condition: Any) -> Float[Array, "axes agents steps"]:
         x = self.layout.positions(z, condition)
@@ -68,13 +64,9 @@ class Curvature(AbstractOwnTerm):
 
     Attributes:
         limit: Of all agents, or one for each, in 1/m.
-        layout: Of trajectories.
-        mask: Agents that are present; None: all.
     """
 
     limit: Value
-    layout: Layout
-    mask: Mask = None
 
     def exact(self, z: States, condition: Any) -> Float[Array, "agents margins"]:
         way = jnp.diff(self.layout.positions(z, condition), axis=2)
@@ -114,13 +106,9 @@ class Length(AbstractOwnTerm):
 
     Attributes:
         limit: Of all agents, or one for each, in m.
-        layout: Of trajectories.
-        mask: Agents that are present; None: all.
     """
 
     limit: Value
-    layout: Layout
-    mask: Mask = None
 
     def exact(self, z: States, condition: Any) -> Float[Array, "agents margins"]:
         way = jnp.diff(self.layout.positions(z, condition), axis=2)
@@ -142,16 +130,12 @@ class Near(AbstractOwnTerm):
     Attributes:
         target: One position for all agents or one for each.
         within: Radius, of all agents or of each.
-        layout: How states are read.
         since: First waypoint at which it counts.
-        mask: Agents that are present; None: all.
     """
 
     target: Value
     within: Value
-    layout: Layout
     since: int = eqx.field(static=True)
-    mask: Mask = None
 
     def _offset(self, z: States, condition: Any) -> Float[Array, "axes agents steps"]:
         x = self.layout.positions(z, condition)[..., self.since :]
@@ -198,7 +182,7 @@ def speed(
         Array([[0.25]], dtype=float32)
     """
     check_positive("limit", limit, "a speed")
-    return PrivateRequirement(Rate(limit, _moving(layout, 2), 1), buffer, name=name)
+    return PrivateRequirement(Rate(limit, 1, layout=_moving(layout, 2)), buffer, name=name)
 
 
 def acceleration(
@@ -214,7 +198,7 @@ def acceleration(
         Array([[0.25]], dtype=float32)
     """
     check_positive("limit", limit, "an acceleration")
-    return PrivateRequirement(Rate(limit, _moving(layout, 3), 2), buffer, name=name)
+    return PrivateRequirement(Rate(limit, 2, layout=_moving(layout, 3)), buffer, name=name)
 
 
 def curvature(
@@ -230,7 +214,7 @@ def curvature(
         Array([[0.5]], dtype=float32)
     """
     check_positive("limit", limit, "a curvature")
-    return PrivateRequirement(Curvature(limit, _moving(layout, 3)), buffer, name=name)
+    return PrivateRequirement(Curvature(limit, layout=_moving(layout, 3)), buffer, name=name)
 
 
 def path_length(
@@ -246,7 +230,7 @@ def path_length(
         Array([[0.25]], dtype=float32)
     """
     check_positive("limit", limit, "a length")
-    return PrivateRequirement(Length(limit, _moving(layout, 2)), buffer, name=name)
+    return PrivateRequirement(Length(limit, layout=_moving(layout, 2)), buffer, name=name)
 
 
 def near(
@@ -276,7 +260,7 @@ def near(
     first = since + layout.waypoints if since < 0 else since
     if not 0 <= first < layout.waypoints:
         raise ValueError(f"`since` must be one of {layout.waypoints} waypoints; got {since}.")
-    return PrivateRequirement(Near(target, within, layout, first), buffer, name=name)
+    return PrivateRequirement(Near(target, within, first, layout=layout), buffer, name=name)
 
 
 def deadline(

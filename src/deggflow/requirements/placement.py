@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from deggflow.guidance import MarginLabel, PrivateRequirement
-from deggflow.shapes import AgentValues, Mask, States
+from deggflow.shapes import AgentValues, States
 
 from .grid import Grid
 from .layout import POINTS, Layout
@@ -38,14 +38,10 @@ class Outside(AbstractOwnTerm):
     Attributes:
         region: Obstacles.
         radius: Of all agents, or one for each.
-        layout: How states are read.
-        mask: Agents that are present; None: all.
     """
 
     region: Value | AbstractObstacle
     radius: Value = 0.0
-    layout: Layout = POINTS
-    mask: Mask = None
 
     def _read(self, z: States, condition: Any) -> tuple[AbstractObstacle, Any, Any]:
         region = resolve(self.region, condition, z.dtype)
@@ -76,14 +72,10 @@ class Inside(AbstractOwnTerm):
     Attributes:
         region: Regions, of which one must hold the agent.
         radius: Of all agents, or one for each.
-        layout: How states are read.
-        mask: Agents that are present; None: all.
     """
 
     region: Value | AbstractRegion
     radius: Value = 0.0
-    layout: Layout = POINTS
-    mask: Mask = None
 
     def exact(self, z: States, condition: Any) -> Float[Array, "agents margins"]:
         region = as_region(resolve(self.region, condition, z.dtype))
@@ -136,7 +128,7 @@ def outside(
     """
     if is_constant(region) and not isinstance(region, Grid):
         region = as_region(region)
-    return PrivateRequirement(Outside(region, radius, layout), buffer, name=name)
+    return PrivateRequirement(Outside(region, radius, layout=layout), buffer, name=name)
 
 
 def inside(
@@ -161,9 +153,9 @@ def inside(
     """
     if isinstance(region, Polygon) and region.notches is not None:
         hull, notches = region.hull, region.notches
-        whole = Inside(hull, radius, layout), Outside(notches, radius, layout)
+        whole = Inside(hull, radius, layout=layout), Outside(notches, radius, layout=layout)
         one, other = (PrivateRequirement(term, buffer, name=name) for term in whole)
         return replace(one + other, name=name)
     if is_constant(region):
         region = as_region(region)
-    return PrivateRequirement(Inside(region, radius, layout), buffer, name=name)
+    return PrivateRequirement(Inside(region, radius, layout=layout), buffer, name=name)

@@ -97,7 +97,7 @@ class Disc(AbstractRegion):
         return hinge(reach + self.radius[:, None, None] - near)
 
     def faces(self, x: Positions) -> Float[Array, "faces regions agents waypoints"]:
-        return (self.radius[:, None, None] - length(self._from_centre(x)))[None]
+        return (jnp.asarray(self.radius)[:, None, None] - length(self._from_centre(x)))[None]
 
     def clearance(self, x: Positions, swept: bool) -> Each:
         offset = self._from_centre(x)
@@ -105,7 +105,7 @@ class Disc(AbstractRegion):
             near = exact.segment_from_origin(offset[..., :-1], offset[..., 1:])
         else:
             near = exact.norm(offset)
-        return near - self.radius[:, None, None]
+        return near - jnp.asarray(self.radius)[:, None, None]
 
     def depth(self, x: Positions) -> Each:
         return -self.clearance(x, swept=False)

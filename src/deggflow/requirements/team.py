@@ -34,14 +34,10 @@ class Formation(AbstractTerm):
     Attributes:
         offsets: Places; only their differences matter.
         within: Radius.
-        layout: How states are read.
-        mask: Agents that are present; None: all.
     """
 
     offsets: Value
     within: Value
-    layout: Layout
-    mask: Mask = None
 
     def _offset(self, z: States, condition: Any) -> Offsets:
         x = self.layout.positions(z, condition)
@@ -79,14 +75,10 @@ class Centroid(AbstractTerm):
     Attributes:
         target: One position.
         within: Radius.
-        layout: How states are read.
-        mask: Agents that are present; None: all.
     """
 
     target: Value
     within: Value
-    layout: Layout
-    mask: Mask = None
 
     def _offset(self, z: States, condition: Any) -> Float[Array, "axes 1 waypoints"]:
         x = self.layout.positions(z, condition)
@@ -117,13 +109,9 @@ class Neighbour(AbstractTerm):
 
     Attributes:
         within: Radius.
-        layout: How states are read.
-        mask: Agents that are present; None: all.
     """
 
     within: Value
-    layout: Layout
-    mask: Mask = None
 
     def exact(self, z: States, condition: Any) -> Float[Array, "agents margins"]:
         x = self.layout.positions(z, condition)
@@ -162,13 +150,9 @@ class Connected(AbstractTerm):
 
     Attributes:
         within: Radius.
-        layout: How states are read.
-        mask: Agents that are present; None: all.
     """
 
     within: Value
-    layout: Layout
-    mask: Mask = None
 
     def exact(self, z: States, condition: Any) -> Float[Array, "agents margins"]:
         x = self.layout.positions(z, condition)
@@ -226,14 +210,10 @@ class Heading(AbstractOwnTerm):
     Attributes:
         target: Heading, of all agents or of each.
         within: Width, of all agents.
-        layout: How states are read.
-        mask: Agents that are present; None: all.
     """
 
     target: Value
     within: Value
-    layout: Layout
-    mask: Mask = None
 
     def exact(self, z: States, condition: Any) -> Float[Array, "agents margins"]:
         cos, sin = self.layout.directions(z, condition)
@@ -286,7 +266,7 @@ def formation(
                [0.25]], dtype=float32)
     """
     check_positive("within", within, "the largest distance")
-    return PrivateRequirement(Formation(offsets, within, layout), buffer, name=name)
+    return PrivateRequirement(Formation(offsets, within, layout=layout), buffer, name=name)
 
 
 def centroid(
@@ -312,7 +292,7 @@ def centroid(
                [0.25]], dtype=float32)
     """
     check_positive("within", within, "the largest distance")
-    return PrivateRequirement(Centroid(target, within, layout), buffer, name=name)
+    return PrivateRequirement(Centroid(target, within, layout=layout), buffer, name=name)
 
 
 def neighbour(
@@ -332,7 +312,7 @@ def neighbour(
                [0.5]], dtype=float32)
     """
     check_positive("within", within, "the largest distance")
-    return PrivateRequirement(Neighbour(within, layout), buffer, name=name)
+    return PrivateRequirement(Neighbour(within, layout=layout), buffer, name=name)
 
 
 def connected(
@@ -349,7 +329,7 @@ def connected(
                [0.25]], dtype=float32)
     """
     check_positive("within", within, "the largest distance")
-    return PrivateRequirement(Connected(within, layout), buffer, name=name)
+    return PrivateRequirement(Connected(within, layout=layout), buffer, name=name)
 
 
 def heading(
@@ -377,4 +357,4 @@ def heading(
     check_positive("within", within, "the largest angle")
     if layout.heading is None:
         raise ValueError('`layout` must have a heading, "angle" or "vector"; got None.')
-    return PrivateRequirement(Heading(target, within, layout), buffer, name=name)
+    return PrivateRequirement(Heading(target, within, layout=layout), buffer, name=name)

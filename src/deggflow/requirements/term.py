@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 from deggflow.guidance import AbstractNamedMargins
 from deggflow.shapes import AgentValues, Mask, Scalar, States
 
-from .layout import Layout
+from .layout import POINTS, Layout
 
 EPS = 0.05  # of a buffer, by which smoothed distances may fall short of the exact ones
 
@@ -24,10 +24,14 @@ class AbstractTerm(AbstractNamedMargins):
 
     The verdict is made of `exact`, in float64. Guidance brings down the sum of `hinges`, which are smooth where the
     exact margins have kinks, and which are not computed by the same code.
+
+    Attributes:
+        layout: How states are read.
+        mask: Agents that are present; None: all.
     """
 
-    layout: eqx.AbstractVar[Layout]
-    mask: eqx.AbstractVar[Mask]
+    layout: Layout = eqx.field(kw_only=True, default=POINTS)
+    mask: Mask = eqx.field(kw_only=True, default=None)
 
     @abc.abstractmethod
     def exact(self, z: States, condition: Any) -> Float[Array, "agents margins"]:
