@@ -1,13 +1,17 @@
 """Exact margins against Shapely, and against dense sampling in space."""
 
+import hypothesis.strategies as st
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import shapely
+from hypothesis import given
 from requirement_cases import BOXES, CUBES, DISCS, GRID, IMAGE, NOTCHED, TRIANGLE
 from shapely.geometry import LineString, Point, Polygon
 
 from deggflow import requirements as req
+from deggflow.requirements import exact
 
 RNG = np.random.default_rng(0)
 PATHS = RNG.normal(size=(150, 2, 2, 3)) * 0.9  # samples, axes, agents, waypoints
@@ -54,6 +58,28 @@ def test_clearances_are_shapelys_distances(name, swept):
                     assert value > 0 or distance < 1e-9
                     outside += distance > 0
     assert outside > 100
+
+
+@jax.jit
+def both_ways(ends, half):
+    """A segment and a box around the origin, as such and as two polygons."""
+    corner = jnp.stack([half, half * jnp.array([-1.0, 1.0]), -half, half * jnp.array([1.0, -1.0])])
+    one = exact.segment_from_box(ends[0], ends[1], half)
+    return one, exact.polygons_apart(corner, ends)
+
+
+NUMBERS = st.integers(-8, 8).map(lambda k: k / 4)
+
+
+@given(
+    st.tuples(*[st.tuples(NUMBERS, NUMBERS)] * 2),
+    st.tuples(*[st.sampled_from([0.25, 0.5, 1.0])] * 2),
+)
+def test_a_box_is_a_polygon(ends, half):
+    """Two codes agree, with coordinates such that touching, parallel and standing still are common."""
+    with jax.enable_x64(True):
+        one, other = both_ways(np.array(ends), np.array(half))
+    assert float(one) == pytest.approx(float(other), abs=1e-12)
 
 
 def test_depths_part_what_overlaps():
@@ -137,10 +163,10 @@ def test_random_simple_polygons_are_cut_up_whole(seed):
 def test_interpolated_distances_of_a_grid_are_within_its_slack():
     points = RNG.uniform(-1.6, 1.6, (2, 400, 1)) * np.array([1.0, 0.75])[:, None, None]
     with jax.enable_x64(True):
-        x = jax.numpy.asarray(points)
-        field, exact = np.asarray(GRID.field(x)), np.asarray(GRID.clearance(x, False))[0]
+        x = jnp.asarray(points)
+        field, verdict = np.asarray(GRID.field(x)), np.asarray(GRID.clearance(x, False))[0]
     shape = SHAPES["grid"][1][0]
-    for value, own, point in zip(field.ravel(), exact.ravel(), points[..., 0].T, strict=True):
+    for value, own, point in zip(field.ravel(), verdict.ravel(), points[..., 0].T, strict=True):
         distance = shape.distance(Point(point))
         if distance > 0:
             assert abs(value - distance) <= 0.7072 * 0.2

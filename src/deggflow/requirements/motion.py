@@ -11,7 +11,7 @@ from deggflow.guidance import MarginLabel, PrivateRequirement
 from deggflow.shapes import AgentValues, States
 
 from . import exact
-from .layout import Layout
+from .layout import POINTS, Layout
 from .term import AbstractOwnTerm, hinge, length
 from .values import Value, check_positive, resolve
 
@@ -238,7 +238,7 @@ def near(
     within: Value,
     *,
     since: int = 0,
-    layout: Layout,
+    layout: Layout = POINTS,
     buffer: float = 0.01,
     name: str = "near",
 ) -> PrivateRequirement:
@@ -253,7 +253,7 @@ def near(
         name: What certificates call it.
 
     Example:
-        >>> near(np.zeros(2), 1.0, layout=POINTS).margins(jnp.array([[0.5, 0.0]]), None)
+        >>> near(np.zeros(2), 1.0).margins(jnp.array([[0.5, 0.0]]), None)
         Array([[0.5]], dtype=float32)
     """
     check_positive("within", within, "the largest distance")

@@ -351,8 +351,8 @@ def heading(
 
     Example:
         >>> z = jnp.array([[0.0, 0.0, 2 * jnp.pi - 0.25]])
-        >>> heading(0.0, 0.5, layout=poses()).margins(z, None)
-        Array([[0.25]], dtype=float32)
+        >>> round(float(heading(0.0, 0.5, layout=poses()).margins(z, None)[0, 0]), 3)
+        0.25
     """
     check_positive("within", within, "the largest angle")
     if layout.heading is None:

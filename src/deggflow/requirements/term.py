@@ -92,6 +92,14 @@ def hinge(excess: Float[Array, "..."]) -> Float[Array, "..."]:
     return jnp.where(excess > 0, excess, 0.0) ** 2 / 2
 
 
+def dot(a: Float[Array, "axes ..."], b: Float[Array, "axes ..."]) -> Float[Array, "..."]:
+    """Inner product along the first axis, term by term: XLA's CPU backend fuses that, and sums over an axis less well."""
+    total = a[0] * b[0]
+    for k in range(1, len(a)):
+        total = total + a[k] * b[k]
+    return total
+
+
 def root(square: Float[Array, "..."]) -> Float[Array, "..."]:
     """Square root with a gradient of zero at zero."""
     zero = square == 0
@@ -100,7 +108,7 @@ def root(square: Float[Array, "..."]) -> Float[Array, "..."]:
 
 def length(vector: Float[Array, "axes ..."]) -> Float[Array, "..."]:
     """Euclidean length along the first axis, with a gradient of zero at the zero vector."""
-    return root(jnp.sum(vector**2, axis=0))
+    return root(dot(vector, vector))
 
 
 def nearest_on_the_way(
@@ -111,7 +119,8 @@ def nearest_on_the_way(
     min over s in [0, 1] of |start + s way|^2 + (2 eps)^2 (s - 1/2)^2 has a unique minimiser even for a segment that is a
     point, so its gradient is that at the minimiser held fixed (Danskin). It exceeds the squared distance by at most eps^2.
     """
-    square, along = jnp.sum(way**2, axis=0), jnp.sum(start * way, axis=0)
+    square, along = dot(way, way), dot(start, way)
     weight = 4 * eps**2
     s = jax.lax.stop_gradient(jnp.clip((weight / 2 - along) / (square + weight), 0.0, 1.0))
-    return root(jnp.sum((start + s[None] * way) ** 2, axis=0) + weight * (s - 0.5) ** 2) - eps
+    nearest = start + s[None] * way
+    return root(dot(nearest, nearest) + weight * (s - 0.5) ** 2) - eps
