@@ -108,7 +108,7 @@ def generate(
     state = guidance.init(z0, condition, mask)
     if guard is None or not guidance.names:
         generation = _fixed_steps(guided, state, z0, starts, solver, keep_trace, keep_path)
-        return _completed(generation, guidance, drift, solver)
+        return completed(generation, guidance, drift, solver)
     steps = GuardedSteps(grid, solver, guard, keep_trace, keep_path)
 
     def macro_step(carry: _Carry, interval: Interval, on: GuardedSteps) -> _Carry:
@@ -125,7 +125,7 @@ def generate(
     drift_state = drift.init(z0)
     sample = steps.start(guided.velocity(drift_state), state, z0, condition)
     end = _over_macro_steps(macro_step, (sample, drift_state), steps, starts)
-    return _completed(_generation(grid, end), guidance, drift, solver)
+    return completed(_generation(grid, end), guidance, drift, solver)
 
 
 def generate_batch(
@@ -164,7 +164,7 @@ def generate_batch(
             state = guidance.init(z0, *inputs[:2])
             return _fixed_steps(guided, state, z0, starts, solver, keep_trace, keep_path)
 
-        return _completed(jax.vmap(fixed)(z0, inputs), guidance, drift, solver)
+        return completed(jax.vmap(fixed)(z0, inputs), guidance, drift, solver)
     steps = GuardedSteps(grid, solver, guard, keep_trace, keep_path)
 
     def start(z0: States, inputs: _Inputs) -> _Carry:
@@ -188,7 +188,7 @@ def generate_batch(
 
     end = _over_macro_steps(macro_step, jax.vmap(start)(z0, inputs), steps, starts)
     batch = _generation(jnp.broadcast_to(grid, (len(z0), len(grid))), end)
-    return _completed(batch, guidance, drift, solver)
+    return completed(batch, guidance, drift, solver)
 
 
 _Inputs = tuple[Any, Mask, Float[Array, " agents"] | None]
@@ -221,7 +221,7 @@ def _generation(tau: Float[Array, "... points"], end: SampleProgress) -> Generat
     return Generation(end.z, summary, None if kept is None else Trace(tau, *kept), end.path)
 
 
-def _completed(
+def completed(
     generation: Generation,
     guidance: AbstractGuidance,
     drift: AbstractDrift,

@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 from deggflow.shapes import Mask, Scalar, States
 
 from .decoupled import DecoupledGuidance
+from .requirement import Rows
 
 
 class AgentInput(NamedTuple):
@@ -21,11 +22,13 @@ class AgentInput(NamedTuple):
         u: Its input.
         correction: g_i u_i, added to its drift.
         feasible: Whether the input meets all of its rows.
+        rows: Those of the whole team. Where they depend on the drift of another agent that moves, they are not numbers.
     """
 
     u: Float[Array, " inputs"]
     correction: Float[Array, " dim"]
     feasible: Bool[Array, ""]
+    rows: Rows
 
 
 class CommunicationCost(NamedTuple):
@@ -65,16 +68,18 @@ def agent_input(
         z: Its own state and those it was told.
         drift: Its own nominal drift f_i; nobody else's is needed.
         condition: What field and requirements are conditioned on.
-        moving: Who still moves.
+        moving: Who still moves; those who don't have no drift.
     """
     # The others' drifts stay unknown: were one of them used, the input would not be a number.
     drifts = jnp.full_like(z, jnp.nan).at[agent].set(drift)
+    if moving is not None:
+        drifts = jnp.where(moving[:, None], drifts, 0.0)
     rows = guidance.rows(state, tau, z, drifts, condition, moving)
     ell, b = rows.ell[:, agent], rows.b[:, agent]
     u, feasible = guidance.solve(ell, b, guidance.metric_of(agent))
     if guidance.control is None:
-        return AgentInput(u, u, feasible)
-    return AgentInput(u, guidance.control(tau, z, condition)[agent] @ u, feasible)
+        return AgentInput(u, u, feasible, rows)
+    return AgentInput(u, guidance.control(tau, z, condition)[agent] @ u, feasible, rows)
 
 
 def communication_cost(z: States | jax.ShapeDtypeStruct) -> CommunicationCost:

@@ -203,18 +203,7 @@ class DecoupledGuidance(AbstractGuidance):
             rows.ell, rows.b, self.metric
         )
         u = u.astype(z.dtype)
-        input_norm, ell_norm = jnp.linalg.norm(u, axis=-1), jnp.sqrt(jnp.sum(rows.ell**2, axis=-1))
-        active = _active(rows, ell_norm, u, input_norm)
-        report = GuidanceReport(
-            value=rows.value, bound=rows.bound, limit=rows.limit, row_feasible=rows.row_feasible,
-            qp_infeasible=~feasible, input_norm=input_norm,
-            ell_norm=jnp.where(rows.b > 0, ell_norm, jnp.inf), active=active,
-            opposed_sine=opposed_sine(rows.ell, active),
-            slope=rows.rate + jnp.sum(rows.ell * u[None], axis=(1, 2)),
-            contribution=rows.contribution, drift_nan=not_finite(drift),
-            value_nan=rows.value_nan, gradient_nan=rows.gradient_nan,
-            input_nan=jnp.any(jnp.isnan(u), axis=-1),
-        )  # fmt: skip
+        report = report_of(rows, u, feasible, drift)
         if self.control is None:
             return state, u, report
         return state, jnp.einsum("adm,am->ad", self._control(tau, z, condition), u), report
@@ -276,6 +265,27 @@ def check_requirements(requirements: tuple[AbstractRequirement, ...]) -> None:
                 f"`requirements` must have names of their own, by which certificates tell them apart; got {name!r} "
                 f"{names.count(name)} times: pass `name=`."
             )
+
+
+def report_of(
+    rows: Rows,
+    u: Float[Array, "agents inputs"],
+    feasible: Bool[Array, " agents"],
+    drift: States,
+) -> GuidanceReport:
+    """What happened in one evaluation, from the rows, the inputs, whether these meet the rows, and the drift."""
+    input_norm, ell_norm = jnp.linalg.norm(u, axis=-1), jnp.sqrt(jnp.sum(rows.ell**2, axis=-1))
+    active = _active(rows, ell_norm, u, input_norm)
+    return GuidanceReport(
+        value=rows.value, bound=rows.bound, limit=rows.limit, row_feasible=rows.row_feasible,
+        qp_infeasible=~feasible, input_norm=input_norm,
+        ell_norm=jnp.where(rows.b > 0, ell_norm, jnp.inf), active=active,
+        opposed_sine=opposed_sine(rows.ell, active),
+        slope=rows.rate + jnp.sum(rows.ell * u[None], axis=(1, 2)),
+        contribution=rows.contribution, drift_nan=not_finite(drift),
+        value_nan=rows.value_nan, gradient_nan=rows.gradient_nan,
+        input_nan=jnp.any(jnp.isnan(u), axis=-1),
+    )  # fmt: skip
 
 
 def _active(
