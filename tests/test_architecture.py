@@ -50,6 +50,7 @@ FLOORS = [
         "train",
         "deviation",
     },
+    {"runtime"},
     {"task"},
     {"tasks"},
     {"view"},

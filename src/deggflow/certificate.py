@@ -70,6 +70,19 @@ class TraceRecord:
 
 
 @dataclass(frozen=True)
+class LostAgent:
+    """An agent that fell silent in a generation by processes, and stayed where it was.
+
+    Attributes:
+        agent: Its name.
+        tau: Where it stopped.
+    """
+
+    agent: str
+    tau: float
+
+
+@dataclass(frozen=True)
 class GenerationRecord:
     """What happened in a generation, and whether the hypotheses of the theorems hold along it.
 
@@ -85,6 +98,7 @@ class GenerationRecord:
         largest_input_norm: Largest |u_i|.
         largest_step: Greatest distance in z that an agent moved from one point to the next.
         trace: Values at the points of the grid, if it was kept.
+        lost: Agents that were lost, in a generation by processes; the others took over their shares.
     """
 
     hypotheses_hold: bool
@@ -97,12 +111,14 @@ class GenerationRecord:
     largest_input_norm: float
     largest_step: float
     trace: TraceRecord | None = None
+    lost: tuple[LostAgent, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
-        """As it stands in a file; without a trace that was not kept, and without counts that are zero."""
+        """As it stands in a file; without a trace that was not kept, without counts that are zero and lost agents if none were."""
         out = asdict(self)
-        if self.trace is None:
-            del out["trace"]
+        for name in ("trace", "lost"):
+            if not getattr(self, name):
+                del out[name]
         for each in out["requirements"]:
             for name in ("forced_steps", "forced_agents", "kink_points"):
                 if not each[name]:
@@ -189,8 +205,10 @@ def _record_lines(record: GenerationRecord | None, margins: dict[str, str]) -> l
         head = (head[0], "margin", *head[1:])
         rows = [(row[0], margins.get(row[0], "-"), *row[1:]) for row in rows]
     steps = f"{record.steps} steps, {record.refused_steps} refused, {record.forced_steps} forced"
+    lost = [f"lost: {each.agent} at tau = {each.tau:.3g}" for each in record.lost]
     return [
         f"hypotheses {hypotheses}",
+        *lost,
         f"{steps}; {sine}; largest |u| {record.largest_input_norm:.3g}",
         *columns([head, *rows]),
     ]

@@ -31,6 +31,7 @@ RECORD: Unverified = {
     "least_opposed_sine": "",
     "largest_input_norm": "",
     "largest_step": "",
+    "lost": "",
     "trace": "before its end",
 }
 """Fields of a generation's record that depend on points which the line does not hold."""

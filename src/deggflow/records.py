@@ -6,6 +6,7 @@ from typing import Any
 from .certificate import (
     Certificate,
     GenerationRecord,
+    LostAgent,
     RequirementRecord,
     RequirementVerdict,
     TraceRecord,
@@ -67,7 +68,7 @@ def parse_generation(value: Any, field: str) -> GenerationRecord:
     counts = ("steps", "refused_steps", "forced_steps")
     sizes = ("least_opposed_sine", "largest_input_norm", "largest_step")
     keys = ("hypotheses_hold", "first_failure", "requirements", *counts, *sizes)
-    record = expect_object(value, field, (*keys, "trace"), keys)
+    record = expect_object(value, field, (*keys, "trace", "lost"), keys)
     requirements = expect_list(record["requirements"], join(field, "requirements"))
     trace = record.get("trace")
     steps, refused_steps, forced_steps = (
@@ -90,6 +91,19 @@ def parse_generation(value: Any, field: str) -> GenerationRecord:
         largest_input_norm,
         largest_step,
         None if trace is None else _trace(trace, join(field, "trace"), len(requirements)),
+        tuple(
+            _lost_agent(item, f"{field}.lost[{k}]")
+            for k, item in enumerate(expect_list(record.get("lost", []), join(field, "lost")))
+        ),
+    )
+
+
+def _lost_agent(item: Any, field: str) -> LostAgent:
+    keys = ("agent", "tau")
+    lost = expect_object(item, field, keys, keys)
+    return LostAgent(
+        expect_text(lost["agent"], join(field, "agent")),
+        expect_number(lost["tau"], join(field, "tau"), 0.0, 1.0, ""),
     )
 
 

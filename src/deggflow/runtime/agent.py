@@ -1,13 +1,18 @@
 """One agent of a team: it moves its own state, and hears the states of the others."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
+from deggflow.certificate import Certificate, LostAgent
+from deggflow.certification import certify
 from deggflow.generation import Generation
+from deggflow.guidance import AbstractRequirement, DecoupledGuidance
+from deggflow.recording import agent_names
 from deggflow.step_guard import SampleProgress
 
 from .messages import RECORD_ONLY, AgentMessage, Layout
@@ -24,6 +29,27 @@ class TeamGeneration(NamedTuple):
 
     generation: Generation
     stops: Float[np.ndarray, " agents"]
+
+    def certify(
+        self,
+        requirements: DecoupledGuidance | Sequence[AbstractRequirement],
+        condition: Any = None,
+        *,
+        mask: Bool[np.ndarray, " agents"] | None = None,
+        agents: Sequence[str] | None = None,
+    ) -> Certificate:
+        """The certificate, which names who was lost and when.
+
+        Args: as of `deggflow.certify`.
+        """
+        made = certify(self.generation, requirements, condition, mask=mask, agents=agents)
+        labels = agent_names(agents, len(self.stops))
+        lost = tuple(
+            LostAgent(labels[int(k)], float(self.stops[k]))
+            for k in np.flatnonzero(np.isfinite(self.stops))
+        )
+        assert made.generation is not None
+        return replace(made, generation=replace(made.generation, lost=lost))
 
 
 class _Progress(NamedTuple):
@@ -59,12 +85,10 @@ class Agent:
             ValueError: There is no such agent.
         """
         agents, dim = start.z0.shape
-        present = np.ones(agents, bool) if start.mask is None else np.asarray(start.mask)
-        if not (0 <= number < agents and present[number]):
-            raise ValueError(
-                f"`number` must be one of {np.flatnonzero(present).tolist()}; got {number}."
-            )
-        self.number, self.generated = number, None
+        if number not in start.present:
+            raise ValueError(f"`number` must be one of {start.present}; got {number}.")
+        self.number = number
+        self.generated: TeamGeneration | None = None
         rows = len(program.guidance.names)
         self.layout = Layout(dim=dim, rows=rows, dtype=start.z0.dtype)
         self._program, self._start = program, start
@@ -144,9 +168,13 @@ class Agent:
         column = {name: getattr(report, name)[..., self.number] for name in COLUMNS}
         return self.layout.encode(
             AgentMessage(
-                tau=tau, z=np.asarray(z), value=report.value, limit=report.limit,
-                last=np.asarray(False), **column,
-            )  # fmt: skip
+                tau=tau,
+                z=np.asarray(z),
+                value=report.value,
+                limit=report.limit,
+                last=np.asarray(False),
+                **column,
+            )
         )
 
     def _last_message(self) -> bytes:
@@ -169,9 +197,8 @@ class Agent:
         lines[heard] = [np.frombuffer(contents[k], self.layout.fields)[0] for k in sorted(contents)]
         flags = {name: self.layout.fields[name].base == np.uint8 for name in AgentMessage._fields}
         native = self._stops.dtype
-        return {
-            name: lines[name].astype(bool if flags[name] else native) for name in flags
-        }, heard  # fmt: skip
+        said = {name: lines[name].astype(bool if flags[name] else native) for name in flags}
+        return said, heard
 
     def _finish(self) -> None:
         if self.generated is None:

@@ -333,7 +333,9 @@ class Agreement:
 
     def _statement(self, kind: int, suspects: frozenset[int] | None = None) -> bytes:
         stated = self.suspects if suspects is None else suspects
-        return self._header(kind, self.rounds, self._before, stated) + self._contents_of_last_round()
+        return (
+            self._header(kind, self.rounds, self._before, stated) + self._contents_of_last_round()
+        )
 
     def _contents_of_last_round(self) -> bytes:
         """Those of all members; zeros before the first round."""

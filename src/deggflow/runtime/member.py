@@ -56,10 +56,10 @@ class Member:
             ValueError: A number does not fit.
         """
         self.agent, self.released = Agent(program, number, start), False
-        present = np.ones(len(start.z0), bool) if start.mask is None else np.asarray(start.mask)
+        absent = set(range(len(start.z0))) - set(start.present)
         self.agreement = Agreement(
             number, len(start.z0), team=team_digest(program, start), size=self.agent.layout.size,
-            faults=faults, deadline=deadline, now=now, absent=np.flatnonzero(~present).tolist(),
+            faults=faults, deadline=deadline, now=now, absent=absent,
         )  # fmt: skip
 
     @property

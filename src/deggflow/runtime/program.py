@@ -44,6 +44,12 @@ class Start(NamedTuple):
     condition: Any
     mask: Mask
 
+    @property
+    def present(self) -> list[int]:
+        """Numbers of the agents that are present."""
+        agents = len(self.z0)
+        return list(range(agents)) if self.mask is None else np.flatnonzero(self.mask).tolist()
+
 
 class Assessment(NamedTuple):
     """What one agent finds at the proposed point.
@@ -113,9 +119,7 @@ class TeamProgram:
         Raises: as `generate`.
         """
         z0 = checked_start(z0, 2)
-        grid, starts = aligned(
-            checked_grid(self._grid, refined_grid, z0), self.drift.macro_grid()
-        )
+        grid, starts = aligned(checked_grid(self._grid, refined_grid, z0), self.drift.macro_grid())
         return Start(z0, grid, starts, condition, per_agent("mask", mask, z0, bool))
 
     def _guided(self, start: Start) -> GuidedField:
@@ -151,14 +155,14 @@ class TeamProgram:
         stops: Float[Array | np.ndarray, " agents"],
     ) -> Assessment:
         """What one agent finds at the proposed point, from all states and its own drift."""
-        seen = []
+        number, seen = jnp.asarray(agent), []
 
         def velocity(state: Any, step: Int[Array, ""], tau: Scalar, z: States) -> Any:
             step = jnp.minimum(step, len(start.grid) - 2)
             interval = start.grid[step], start.grid[step + 1]
             own = self.drift.value(self._guided(start).nominal, drift, interval, tau, z)[agent]
             moving = tau < stops if start.mask is None else start.mask & (tau < stops)
-            alone = agent_input(self.guidance, state, agent, tau, z, own, start.condition, moving)
+            alone = agent_input(self.guidance, state, number, tau, z, own, start.condition, moving)
             others = jnp.where(moving, jnp.nan, 0.0)[:, None].astype(z.dtype)
             u = jnp.broadcast_to(others, (len(z), len(alone.u))).at[agent].set(alone.u)
             # Who has stopped can meet rows only if they ask for nothing.
@@ -169,9 +173,7 @@ class TeamProgram:
             seen.append((report, slope, state))
             return state, slope, report
 
-        alone = self._steps(start).advance(
-            velocity, self.guidance.on_forced_step, start.mask, at
-        )
+        alone = self._steps(start).advance(velocity, self.guidance.on_forced_step, start.mask, at)
         report, slope, state = seen[0]
         return Assessment(report, slope, state, alone.proposed_tau, alone.proposed_z[agent])
 
@@ -210,7 +212,7 @@ class TeamProgram:
         return ahead._replace(value_slope=self._slope(start, ahead)), meant
 
     def _slope(self, start: Start, at: SampleProgress) -> Float[Array, " rows"]:
-        """d value / d tau along the proposed step: nobody has to tell an input for it."""
+        """Slope of the values along the proposed step: nobody has to tell an input for it."""
         size = at.proposed_tau - at.tau
         along = (at.proposed_z - at.z) / jnp.where(size > 0, size, 1.0)
         along = jnp.where(jnp.isfinite(along), along, 0.0)
