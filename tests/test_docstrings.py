@@ -17,6 +17,7 @@ MODULES = (
     "guidance.private",
     "sampling",
     "certification",
+    "runtime.messages",
 )
 
 

@@ -65,6 +65,7 @@ class Layout:
         fields: The structured type, with one named field for each of `AgentMessage`.
 
     Example:
+        >>> from deggflow.runtime import Layout
         >>> Layout(dim=3, rows=1, dtype="float32").size
         48
     """
