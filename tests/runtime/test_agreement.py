@@ -4,7 +4,7 @@ import random
 
 import numpy as np
 import pytest
-from counting import SIZE, play
+from logger_cases import SIZE, play
 
 from deggflow.runtime.agreement import (
     Agreement,
