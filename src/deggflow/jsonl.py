@@ -6,7 +6,7 @@ import os
 from codecs import BOM_UTF8
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, BinaryIO, TypeVar
 
 from .files import StrPath
 
@@ -134,21 +134,36 @@ def read_lines(path: StrPath, parse: Callable[[Any], T], what: str) -> list[T]:
     Raises:
         InputError: A line is invalid; names file, line, field and reason of the first error.
     """
-    path = Path(path)
-    out: list[T] = []
     try:
-        with path.open("rb") as file:
-            while line := file.readline(MAX_LINE + 2):
-                if len(out) == MAX_LINES:
-                    raise InputError(f"more than {MAX_LINES} lines")
-                text = line.rstrip(b"\r\n")
-                out.append(parse(parse_line(text if out else text.removeprefix(BOM_UTF8))))
-    except InputError as error:
-        raise InputError(error.reason, file=path, line=len(out) + 1, field=error.field) from None
+        with Path(path).open("rb") as file:
+            return parse_lines(file, path, parse, what)
     except OSError as error:
         raise InputError(f"can't be read: {error.strerror}", file=path) from None
+
+
+def parse_lines(file: BinaryIO, name: StrPath, parse: Callable[[Any], T], what: str) -> list[T]:
+    """As `read_lines`, for an open file or text in memory.
+
+    Args:
+        file: Yields the lines.
+        name: Of the file, for messages.
+        parse: Applied to the value of every line.
+        what: One line holds, for messages.
+
+    Raises:
+        InputError: A line is invalid; names file, line, field and reason of the first error.
+    """
+    out: list[T] = []
+    try:
+        while line := file.readline(MAX_LINE + 2):
+            if len(out) == MAX_LINES:
+                raise InputError(f"more than {MAX_LINES} lines")
+            text = line.rstrip(b"\r\n")
+            out.append(parse(parse_line(text if out else text.removeprefix(BOM_UTF8))))
+    except InputError as error:
+        raise InputError(error.reason, file=name, line=len(out) + 1, field=error.field) from None
     if not out:
-        raise InputError(f"the file is empty; it must hold one {what} a line", file=path, line=1)
+        raise InputError(f"the file is empty; it must hold one {what} a line", file=name, line=1)
     return out
 
 

@@ -5,6 +5,7 @@ import sys
 from tyro.extras import SubcommandApp
 
 from deggflow.jsonl import InputError
+from deggflow.studio.command import studio
 
 from .baselines import baselines
 from .commands import task_app
@@ -36,6 +37,7 @@ def _app(first: str | None) -> SubcommandApp:
         commands = task_app(other) if other.name == first else _placeholder(other)
         app.command(commands, name=other.name, help=other.help)
     app.command(reproduce)
+    app.command(studio)
     return app
 
 

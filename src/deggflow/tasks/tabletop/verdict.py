@@ -38,16 +38,20 @@ class Kind(Enum):
 _KINDS = tuple(Kind)
 
 
-class Breach(NamedTuple):
-    """One requirement that does not hold. `owner` and `other` index the condition's objects."""
+class Margin(NamedTuple):
+    """One requirement and how far it is met. `owner` and `other` index the condition's objects."""
 
     kind: Kind
     owner: int  # -1 if it concerns all objects together
     region: (
         int  # affordance region of the owner; -1 where the requirement is about the object itself
     )
-    other: int  # the object that is too close or obstructs; -1 for the table's edge
-    margin: float  # m, negative
+    other: int  # the other object; -1 for the table's edge
+    margin: float  # m, negative where the requirement does not hold
+
+
+Breach = Margin
+"""A `Margin` that is negative, or not a number."""
 
 
 @dataclass(frozen=True)
@@ -68,10 +72,11 @@ class Verdict:
         if not self.breaches:
             return None
         more = len(self.breaches) - 1
-        return _describe(self.breaches[0], objects) + (f" (and {more} more)" if more else "")
+        return describe(self.breaches[0], objects) + (f" (and {more} more)" if more else "")
 
 
-def _describe(breach: Breach, objects: Sequence[str]) -> str:
+def describe(breach: Breach, objects: Sequence[str]) -> str:
+    """A breach in words. Args: breach: of a scene; objects: the condition's names."""
     owner, depth = objects[breach.owner], f"{-breach.margin:.4f} m"
     other = objects[breach.other]
     match breach.kind:
@@ -315,3 +320,21 @@ def judge(conditions: Sequence[SceneCondition], poses: Sequence[Poses]) -> list[
     for start in range(0, len(conditions), _CHUNK):
         out += _verdicts(conditions[start : start + _CHUNK], poses[start : start + _CHUNK])
     return out
+
+
+def all_margins(condition: SceneCondition, poses: Poses) -> list[Margin]:
+    """Every margin of one scene, the least first.
+
+    Of several between the same two objects (of several shapes, or along both sides of the table) the least one. In a
+    scene of many objects, pairs that are far apart are left out.
+
+    Args:
+        condition: Of the scene.
+        poses: x, y (m) and theta (rad) of each object.
+    """
+    rows = _measure([condition], [poses])
+    least: dict[tuple[Kind, int, int, int], float] = {}
+    for k in np.argsort(rows.margin, kind="stable"):
+        key = _KINDS[rows.kind[k]], int(rows.owner[k]), int(rows.region[k]), int(rows.other[k])
+        least.setdefault(key, float(rows.margin[k]))
+    return [Margin(*key, margin) for key, margin in least.items()]

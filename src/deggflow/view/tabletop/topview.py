@@ -140,17 +140,17 @@ def _draw_balance(
 def _draw_object(
     axes: Axes, name: str, pose: Float[np.ndarray, " 3"], outlined: bool, thick: float
 ) -> None:
-    outlines = [placed(part, pose) for part in _footprints(name)]
+    outlines = [placed(part, pose) for part in footprints(name)]
     if outlined:
         _draw(axes, outlines, 2.0, facecolors="none", edgecolors=FAULT, linewidths=6.0 * thick)
     _draw(axes, outlines, 2.1, facecolors="#ddd5c6", edgecolors="#6b6257", linewidths=0.8 * thick)
-    parts = [placed(part, pose) for part, _ in _silhouettes(name)]
-    colours = [colour for _, colour in _silhouettes(name)]
+    parts = [placed(part, pose) for part, _ in silhouettes(name)]
+    colours = [colour for _, colour in silhouettes(name)]
     _draw(axes, parts, 2.2, facecolors=colours, edgecolors="face", linewidths=0.2)
 
 
 def _write_name(axes: Axes, name: str, pose: Float[np.ndarray, " 3"]) -> None:
-    outlines = [placed(part, pose) for part in _footprints(type_name(name))]
+    outlines = [placed(part, pose) for part in footprints(type_name(name))]
     label = axes.text(
         float(pose[0]),
         min(float(part[:, 1].min()) for part in outlines) - 0.004,
@@ -169,7 +169,7 @@ def _draw(axes: Axes, polygons: list[Polygon], zorder: float, **style: Any) -> N
 
 
 @cache
-def _footprints(name: str) -> list[Polygon]:
+def footprints(name: str) -> list[Polygon]:
     """Outlines of the library's shapes, in the body frame."""
     outlines = []
     for part in object_type(name).primitives:
@@ -180,6 +180,6 @@ def _footprints(name: str) -> list[Polygon]:
 
 
 @cache
-def _silhouettes(name: str) -> list[tuple[Polygon, Colour]]:
+def silhouettes(name: str) -> list[tuple[Polygon, Colour]]:
     """What is seen of each solid from above; they are listed from the bottom up."""
     return [(silhouette(solid), solid.colour) for solid in solids_of(name)]

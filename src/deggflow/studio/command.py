@@ -1,0 +1,159 @@
+"""`deggflow studio`: serves the page until it is interrupted."""
+
+import ipaddress
+import os
+import signal
+import socket
+import threading
+from pathlib import Path
+from typing import Any
+
+from deggflow.app.session import SATISFIED, console, prepare_jax
+from deggflow.jsonl import InputError
+from deggflow.task import check_range
+
+PORT = 8765
+TOKEN = "DEGGFLOW_STUDIO_TOKEN"
+_CHARACTERS = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-_")
+
+
+def studio(
+    host: str = "127.0.0.1",
+    port: int = PORT,
+    browser: bool = True,
+    weights: Path | None = None,
+) -> int:
+    """Open a page in the browser on which requirements are edited by hand and scenes follow at once.
+
+    Needs `pip install 'deggflow[studio]'`, and no network. The page is reached at the printed address alone, which
+    holds a token. Set DEGGFLOW_STUDIO_TOKEN to keep the address over several starts.
+
+    Args:
+        host: Address of this machine to listen at; others can then open the page if they know the token.
+        port: If it is in use, another one is chosen; 0: any free one.
+        browser: Open the browser.
+        weights: Weights of the field; default: the shipped ones.
+    """
+    check_range("port", port, 0, 65535)
+    address = _address(host)
+    try:
+        import starlette  # noqa: F401
+        import uvicorn
+        import websockets  # noqa: F401
+    except ImportError as error:
+        raise InputError(
+            f"the studio needs the package {error.name}: pip install 'deggflow[studio]'"
+        ) from None
+    from .access import new_token
+    from .server import studio_app
+
+    token = _given_token() or new_token()
+    listener = _listener(address, port)
+    where = _with_port(address, listener.getsockname()[1])
+    desk = _late_desk(weights)
+    hosts = [where, *([where.replace("127.0.0.1", "localhost")] if address == "127.0.0.1" else [])]
+    config = uvicorn.Config(
+        studio_app(desk, token, hosts),
+        log_level="error", access_log=False, server_header=False, lifespan="off",
+        ws="websockets-sansio", ws_max_size=_max_message(), limit_concurrency=64,
+        timeout_keep_alive=30,
+    )  # fmt: skip
+    url = f"http://{where}/{token}/"
+    _leave_when_interrupted()
+    print(url, flush=True)
+    console().print("The studio runs until Ctrl-C. Keep the address to yourself: it holds a token.")
+    threading.Thread(target=desk.warm_up, daemon=True).start()
+    if browser:
+        threading.Thread(target=_open, args=(url,), daemon=True).start()
+    server: Any = _server(config)
+    server.run(sockets=[listener])
+    return SATISFIED
+
+
+def _late_desk(weights: Path | None) -> Any:
+    """A desk that is imported, with JAX, by the first thread that needs it: the page is served at once."""
+    from .conversation import LateDesk
+
+    def load() -> Any:
+        prepare_jax()
+        from deggflow.tasks.tabletop.field import load_field
+
+        from .tabletop import TabletopDesk
+
+        return TabletopDesk(lambda: load_field(weights))
+
+    return LateDesk(load)
+
+
+def _address(host: str) -> str:
+    try:
+        address = ipaddress.ip_address("127.0.0.1" if host == "localhost" else host)
+    except ValueError:
+        raise InputError(f"--host must be an IP address or localhost; got {host!r}") from None
+    if address.is_unspecified:
+        raise InputError(
+            f"--host must be one address of this machine, as the browser names it; got {host}, which is all of them"
+        )
+    return str(address)
+
+
+def _given_token() -> str | None:
+    token = os.environ.get(TOKEN)
+    if token is not None and not (len(token) >= 16 and _CHARACTERS.issuperset(token)):
+        raise InputError(f"{TOKEN} must have at least 16 letters, digits, - or _")
+    return token
+
+
+def _listener(address: str, port: int) -> socket.socket:
+    family = socket.AF_INET6 if ":" in address else socket.AF_INET
+    listener = socket.socket(family, socket.SOCK_STREAM)
+    if os.name == "posix":  # elsewhere it would let two servers share the port
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind((address, port))
+    except OSError as error:
+        if port != PORT:
+            raise InputError(f"can't listen at {address}, port {port}: {error.strerror}") from None
+        listener.bind((address, 0))
+    return listener
+
+
+def _with_port(address: str, port: int) -> str:
+    return f"[{address}]:{port}" if ":" in address else f"{address}:{port}"
+
+
+def _max_message() -> int:
+    from .limits import MAX_MESSAGE
+
+    return MAX_MESSAGE
+
+
+def _server(config: Any) -> Any:
+    """A server that leaves signals alone: the command handles them."""
+    from contextlib import nullcontext
+
+    import uvicorn
+
+    class Server(uvicorn.Server):
+        def capture_signals(self) -> Any:
+            return nullcontext()
+
+    return Server(config)
+
+
+def _leave_when_interrupted() -> None:
+    """On Ctrl-C the command ends at once: the server keeps nothing that could be lost."""
+
+    def leave(*_: object) -> None:
+        os.write(2, b"\ndeggflow: the studio has stopped\n")
+        os._exit(SATISFIED)
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, leave)
+
+
+def _open(url: str) -> None:
+    import webbrowser
+
+    webbrowser.open(url)

@@ -1,0 +1,147 @@
+"""The websocket of one page: its messages are answered in order; once the page is closed, its work stops."""
+
+import json
+import sys
+import traceback
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from threading import Lock
+from typing import Any
+
+import anyio
+from anyio.streams.memory import MemoryObjectReceiveStream, MemoryObjectSendStream
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from deggflow.jsonl import InputError, expect_integer, expect_text, parse_line
+
+from .limits import MAX_MESSAGE, MAX_WAITING, RateLimit
+
+_MAX_ID = 2**53 - 1  # integers that a page counts without rounding
+
+Fields = Mapping[str, Any]
+"""A message without its "id" and "ask"."""
+
+
+class ClosedError(Exception):
+    """The page was closed: nobody waits for the answer."""
+
+
+class AbstractDesk(ABC):
+    """Answers the messages of all pages; keeps nothing of one that another one could see."""
+
+    @abstractmethod
+    def answer(self, ask: str, fields: Fields, check: Callable[[], None]) -> dict[str, Any]:
+        """The answer to one message, as a JSON object.
+
+        Args:
+            ask: What the page asks for.
+            fields: The rest of the message, as yet unchecked.
+            check: To be called now and then during long work; raises `ClosedError` if the page is gone.
+
+        Raises:
+            InputError: The message, or what it asks for, is invalid.
+        """
+
+    @abstractmethod
+    def warm_up(self) -> None:
+        """Does ahead what the first page will have to wait for."""
+
+
+class LateDesk(AbstractDesk):
+    """A desk that is loaded when it is first needed."""
+
+    def __init__(self, load: Callable[[], AbstractDesk]) -> None:
+        """Args: load: called once."""
+        self._load, self._loading = load, Lock()
+        self._desk: AbstractDesk | None = None
+
+    def answer(self, ask: str, fields: Fields, check: Callable[[], None]) -> dict[str, Any]:
+        """As the desk answers."""
+        return self._loaded().answer(ask, fields, check)
+
+    def warm_up(self) -> None:
+        """Loads the desk, and warms it up."""
+        self._loaded().warm_up()
+
+    def _loaded(self) -> AbstractDesk:
+        with self._loading:
+            if self._desk is None:
+                self._desk = self._load()
+            return self._desk
+
+
+class Conversation:
+    """One page's websocket."""
+
+    def __init__(
+        self, socket: WebSocket, desk: AbstractDesk, workers: anyio.CapacityLimiter
+    ) -> None:
+        """Args: socket: of the page; desk: answers its messages; workers: limits the threads of all pages."""
+        self.socket, self.desk, self.workers = socket, desk, workers
+        self.rate = RateLimit()
+        self.closed = False
+
+    async def run(self) -> None:
+        """Until the page is closed."""
+        await self.socket.accept()
+        waiting: MemoryObjectSendStream[str]
+        messages: MemoryObjectReceiveStream[str]
+        waiting, messages = anyio.create_memory_object_stream[str](MAX_WAITING)
+        async with anyio.create_task_group() as tasks:
+            tasks.start_soon(self._answer_all, messages)
+            try:
+                while True:
+                    await self._take(await self.socket.receive_text(), waiting)
+            except (WebSocketDisconnect, KeyError):  # KeyError: bytes instead of text
+                self.closed = True
+                tasks.cancel_scope.cancel()
+
+    async def _take(self, text: str, waiting: MemoryObjectSendStream[str]) -> None:
+        if len(text) > MAX_MESSAGE:
+            await self._refuse(f"the message is longer than {MAX_MESSAGE} bytes")
+        elif not self.rate.allows():
+            await self._refuse(f"more than {self.rate.rate:.0f} messages a second")
+        else:
+            try:
+                waiting.send_nowait(text)
+            except anyio.WouldBlock:
+                await self._refuse(f"more than {MAX_WAITING} messages wait for an answer")
+
+    async def _refuse(self, reason: str) -> None:
+        await self._send({"id": None, "error": reason})
+
+    async def _answer_all(self, messages: MemoryObjectReceiveStream[str]) -> None:
+        async for text in messages:
+            answer = await anyio.to_thread.run_sync(
+                self._answer, text, abandon_on_cancel=True, limiter=self.workers
+            )
+            await self._send(answer)
+
+    async def _send(self, answer: Mapping[str, Any]) -> None:
+        try:
+            await self.socket.send_text(json.dumps(answer, allow_nan=False))
+        except (WebSocketDisconnect, RuntimeError):  # closed meanwhile
+            self.closed = True
+
+    def _check(self) -> None:
+        if self.closed:
+            raise ClosedError
+
+    def _answer(self, text: str) -> dict[str, Any]:
+        """Whatever happens, an answer: the page shows errors and goes on."""
+        number: int | None = None
+        try:
+            message = parse_line(text.encode("utf-8", "surrogatepass"))
+            if not isinstance(message, dict):
+                raise InputError("a message must be a JSON object")
+            fields = dict(message)
+            number = expect_integer(fields.pop("id", None), "id", 0, _MAX_ID)
+            ask = expect_text(fields.pop("ask", None), "ask")
+            return {"id": number, "answer": self.desk.answer(ask, fields, self._check)}
+        except InputError as error:
+            return {"id": number, "error": str(error)}
+        except ClosedError:
+            return {"id": number, "error": "the page was closed"}
+        except Exception as error:
+            traceback.print_exc(file=sys.stderr)
+            return {"id": number, "error": f"unforeseen error, {type(error).__name__}: {error}"}

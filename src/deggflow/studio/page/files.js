@@ -1,0 +1,81 @@
+// @ts-check
+/** Files in and out; nothing is read or written but what the user chooses. */
+
+import { byId, html } from "./elements.js";
+
+const MAX_FILE = 3 << 20; // bytes
+
+export class Files {
+  /** @param {import("./studio.js").Studio} studio */
+  constructor(studio) {
+    this.studio = studio;
+    const input = byId("open", HTMLInputElement);
+    input.addEventListener("change", async () => {
+      const [file] = input.files ?? [];
+      if (file) await this.attempt(() => this.open(file));
+      input.value = "";
+    });
+    byId("save").addEventListener("click", () =>
+      this.attempt(async () => save("scene.jsonl", `${await studio.currentLine()}\n`, "application/jsonl")),
+    );
+    byId("save-all").addEventListener("click", () => {
+      save("scenes.jsonl", studio.gallery.map(({ line }) => `${line}\n`).join(""), "application/jsonl");
+    });
+    byId("keep").addEventListener("click", () => this.attempt(() => studio.keepScene()));
+    byId("copy").addEventListener("click", () => this.attempt(() => this.copy()));
+    for (const button of document.querySelectorAll("[data-export]")) {
+      button.addEventListener("click", () => this.attempt(() => this.export(button.getAttribute("data-export") ?? "")));
+    }
+  }
+
+  /** @param {File} file */
+  async open(file) {
+    if (file.size > MAX_FILE) throw new Error(`${file.name}: the studio opens files of up to ${MAX_FILE} bytes; this one has ${file.size}`);
+    const { rows } = await this.studio.connection.ask("open", { name: file.name, text: await file.text() });
+    await this.studio.openRows(rows);
+  }
+
+  /** @param {string} kind */
+  async export(kind) {
+    const { shown } = this.studio;
+    if (!shown) throw new Error("There is no scene yet.");
+    const { condition, poses } = shown;
+    const made = await this.studio.connection.ask("export", { kind, condition, poses });
+    const bytes = Uint8Array.from(atob(made.content), (letter) => letter.charCodeAt(0));
+    const address = save(made.name, bytes, made.type);
+    if (kind === "png") {
+      const image = html("img", { src: address, alt: "The scene with the objects' bodies, by MuJoCo or matplotlib" });
+      byId("render").replaceChildren(image);
+    }
+  }
+
+  async copy() {
+    const command = byId("command").textContent ?? "";
+    try {
+      await navigator.clipboard.writeText(command);
+      byId("copy").textContent = "Copied";
+    } catch {
+      getSelection()?.selectAllChildren(byId("command"));
+      byId("copy").textContent = "Selected: copy it with Ctrl-C";
+    }
+  }
+
+  /** @param {() => Promise<unknown>} task */
+  async attempt(task) {
+    try {
+      await task();
+    } catch (error) {
+      this.studio.onTrouble(/** @type {Error} */ (error));
+    }
+  }
+}
+
+let last = "";
+
+/** Offers a file to the user. @param {string} name @param {BlobPart} content @param {string} type */
+const save = (name, content, type) => {
+  URL.revokeObjectURL(last);
+  last = URL.createObjectURL(new Blob([content], { type }));
+  html("a", { href: last, download: name }).click();
+  return last;
+};

@@ -1,0 +1,85 @@
+"""The studio's web application: the page's files, and a websocket for each page."""
+
+from collections.abc import Iterable
+from importlib.resources import files
+from typing import NamedTuple
+
+import anyio
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+from starlette.routing import Route, WebSocketRoute
+from starlette.types import ASGIApp
+from starlette.websockets import WebSocket
+
+from deggflow.blocks import cores
+
+from .access import Access
+from .conversation import AbstractDesk, Conversation
+from .limits import MAX_TABS
+
+_TYPES = {
+    "html": "text/html; charset=utf-8",
+    "css": "text/css; charset=utf-8",
+    "js": "text/javascript; charset=utf-8",
+    "svg": "image/svg+xml",
+}
+
+
+class Asset(NamedTuple):
+    """A file of the page.
+
+    Attributes:
+        content: As it is sent.
+        type: Its media type.
+    """
+
+    content: bytes
+    type: str
+
+
+def page_assets() -> dict[str, Asset]:
+    """The page's files by name, read once: no request reaches the file system."""
+    folder = files(__package__).joinpath("page")
+    return {
+        entry.name: Asset(entry.read_bytes(), _TYPES[entry.name.rpartition(".")[2]])
+        for entry in folder.iterdir()
+        if entry.name.rpartition(".")[2] in _TYPES
+    }
+
+
+def studio_app(desk: AbstractDesk, token: str, hosts: Iterable[str]) -> ASGIApp:
+    """The application that a server runs.
+
+    Args:
+        desk: Answers the pages' messages.
+        token: First part of every path.
+        hosts: "address:port" that the browser may use.
+    """
+    assets = page_assets()
+    tabs = 0
+    workers = anyio.CapacityLimiter(cores())
+
+    async def asset(request: Request) -> Response:
+        name = request.path_params.get("name") or "index.html"
+        if name not in assets:
+            return PlainTextResponse("The page has no such file.", 404)
+        return Response(assets[name].content, media_type=assets[name].type)
+
+    async def talk(socket: WebSocket) -> None:
+        nonlocal tabs
+        if tabs >= MAX_TABS:
+            await socket.close(1013, f"the studio serves at most {MAX_TABS} pages at once")
+            return
+        tabs += 1
+        try:
+            await Conversation(socket, desk, workers).run()
+        finally:
+            tabs -= 1
+
+    routes = [
+        WebSocketRoute("/{token}/socket", talk),
+        Route("/{token}/", asset),
+        Route("/{token}/{name}", asset),
+    ]
+    return Access(Starlette(routes=routes), token, hosts)

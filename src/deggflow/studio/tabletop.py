@@ -1,0 +1,232 @@
+"""What the studio does with scenes: makes them, judges them, replays their generation, reads and writes them."""
+
+import base64
+import json
+import shlex
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import lru_cache
+from io import BytesIO
+from threading import Lock
+from typing import Any
+
+import numpy as np
+
+from deggflow.certificate import Certificate
+from deggflow.flow import Field
+from deggflow.jsonl import InputError, expect_integer, parse_lines
+from deggflow.schema import parse_as
+from deggflow.tasks.tabletop.changes import random_conditions
+from deggflow.tasks.tabletop.condition import SceneCondition
+from deggflow.tasks.tabletop.formats import MAX_SEED, parse_scene
+from deggflow.tasks.tabletop.generator import MAX_DRAWS, TabletopGenerator, initial_noise, judged
+from deggflow.tasks.tabletop.library import MAX_OBJECTS
+from deggflow.tasks.tabletop.scene import Scene, with_draws
+from deggflow.tasks.tabletop.settled import judge_generated
+from deggflow.tasks.tabletop.task import scene_generator
+from deggflow.tasks.tabletop.verdict import Poses, judge
+
+from .conversation import AbstractDesk, Fields
+from .exports import EXPORTS, Export
+from .messages import (
+    Claim,
+    Draw,
+    Generate,
+    Judge,
+    Nothing,
+    Open,
+    Replay,
+    Write,
+    parse_poses,
+    studio_condition,
+)
+from .shown import judgement, library, rounded
+
+MAX_SCENES = 200  # of a file that is opened
+FAMILIES = ("default", "changed", "opposite", "side", "larger", "combined", "balanced")
+
+
+class TabletopDesk(AbstractDesk):
+    """Answers pages on the tabletop task. Compiled programs are shared by all pages, and nothing else."""
+
+    def __init__(self, load_field: Callable[[], Field]) -> None:
+        """Args: load_field: called once, when the first scene is asked for."""
+        self._load_field = load_field
+        self._loaded: tuple[TabletopGenerator, TabletopGenerator] | None = None
+        # One at a time: two threads would compile the same program twice.
+        self._loading, self._generating, self._replaying = Lock(), Lock(), Lock()
+        self._nominal = lru_cache(maxsize=32)(self._nominal_poses)
+        self._answers: dict[str, tuple[type[Any], Callable[..., dict[str, Any]]]] = {
+            "library": (Nothing, lambda asked, check: library()),
+            "generate": (Generate, self._generate),
+            "replay": (Replay, self._replay),
+            "judge": (Judge, self._judge),
+            "line": (Claim, self._line),
+            "draw": (Draw, self._draw),
+            "open": (Open, self._open),
+            "export": (Write, self._export),
+        }
+
+    def answer(self, ask: str, fields: Fields, check: Callable[[], None]) -> dict[str, Any]:
+        """The answer to one message."""
+        if ask not in self._answers:
+            raise InputError(f"must be one of {', '.join(self._answers)}", field="ask")
+        kind, respond = self._answers[ask]
+        return respond(parse_as(kind, dict(fields)), check)
+
+    def _generators(self) -> tuple[TabletopGenerator, TabletopGenerator]:
+        """The nominal and the guided one, those of the commands."""
+        with self._loading:
+            if self._loaded is None:
+                field = self._load_field()
+                self._loaded = scene_generator(field, guided=False), scene_generator(field)
+            return self._loaded
+
+    def warm_up(self) -> None:
+        """Compiles what the first page asks for, before it does."""
+        condition = random_conditions(8, 1, "changed", 0)[0]
+        asked = Generate(condition.to_json(), 0, MAX_DRAWS, None)
+        scene = json.loads(self._generate(asked, lambda: None)["line"])
+        poses = [[item["x"], item["y"], item["theta"]] for item in scene["objects"]]
+        self._replay(Replay(condition.to_json(), 0, 0, poses), lambda: None)
+
+    def _generate(self, asked: Generate, check: Callable[[], None]) -> dict[str, Any]:
+        condition = studio_condition(asked.condition)
+        seed = expect_integer(asked.seed, "seed", 0, MAX_SEED)
+        max_draws = expect_integer(asked.max_draws, "max_draws", 1, MAX_DRAWS)
+        drawn: list[Scene] = []
+
+        def on_draw(number: int, scene: Scene) -> None:
+            drawn.append(scene)
+            check()
+
+        with self._generating:
+            guided = self._generators()[1]
+            if asked.draw is None:
+                (scene,) = guided.scenes(
+                    [condition], seed=seed, max_draws=max_draws, keep_trace=True, on_draw=on_draw
+                )
+                draw = next(k for k, each in enumerate(drawn) if each.poses is scene.poses)
+            else:
+                draw = expect_integer(asked.draw, "draw", 0, MAX_DRAWS - 1)
+                batch = guided.batch(_noise(seed, draw), [condition], keep_trace=True)
+                scene = with_draws(judged(batch, [condition], seed)[0].sample, draw + 1)
+            nominal = self._nominal(condition.objects, condition.width, condition.depth, seed, draw)
+        reasons = [each.certificate.reason for each in drawn]
+        return {
+            **written(scene),
+            "draw": draw,
+            "refused": [reason for reason in reasons if reason is not None],
+            "judgement": judgement(condition, scene.poses),
+            "nominal": {
+                "poses": rounded(nominal),
+                "judgement": judgement(condition, nominal, breaches_only=True),
+            },
+            "command": None if asked.draw is not None else command(scene, max_draws),
+        }
+
+    def _nominal_poses(
+        self, objects: tuple[str, ...], width: float, depth: float, seed: int, draw: int
+    ) -> Poses:
+        """Under other requirements the nominal scene is the same: the field knows objects and table alone."""
+        condition = SceneCondition(objects, {}, width, depth)
+        batch = self._generators()[0].batch(_noise(seed, draw), [condition])
+        return judge_generated([condition], batch.poses).poses[0]
+
+    def _replay(self, asked: Replay, check: Callable[[], None]) -> dict[str, Any]:
+        condition = studio_condition(asked.condition)
+        poses = parse_poses(asked.poses, condition)
+        seed = expect_integer(asked.seed, "seed", 0, MAX_SEED)
+        draw = expect_integer(asked.draw, "draw", 0, MAX_DRAWS - 1)
+        nominal, guided = self._generators()
+        z0, paths = _noise(seed, draw)[0], {}
+        with self._replaying:
+            for name, generator in (("nominal", nominal), ("guided", guided)):
+                check()
+                path = generator.path(z0, condition)
+                paths[name] = judge_generated([condition] * len(path), path).poses
+        # This program rounds differently from the one that made the scene; the last picture is the scene.
+        apart = float(np.abs(paths["guided"][-1] - poses).max())
+        paths["guided"][-1] = poses
+        return {
+            "tau": guided.grid.tolist(),
+            "apart": apart,
+            **{name: [rounded(each) for each in path] for name, path in paths.items()},
+        }
+
+    def _judge(self, asked: Judge, check: Callable[[], None]) -> dict[str, Any]:
+        condition = studio_condition(asked.condition)
+        return judgement(condition, parse_poses(asked.poses, condition))
+
+    def _line(self, asked: Claim, check: Callable[[], None]) -> dict[str, Any]:
+        condition = studio_condition(asked.condition)
+        poses = parse_poses(asked.poses, condition)
+        seed = expect_integer(asked.seed, "seed", 0, MAX_SEED)
+        verdict = judge([condition], [poses])[0]
+        reason = verdict.reason(condition.objects)
+        claim = Certificate(verdict.satisfied, verdict.min_margin, verdict.violation, 1, reason)
+        return written(Scene(condition, poses, claim, seed))
+
+    def _draw(self, asked: Draw, check: Callable[[], None]) -> dict[str, Any]:
+        if asked.family not in FAMILIES:
+            raise InputError(f"must be one of {', '.join(FAMILIES)}", field="family")
+        size = expect_integer(asked.size, "size", 1, MAX_OBJECTS)
+        seed = expect_integer(asked.seed, "seed", 0, MAX_SEED)
+        (condition,) = random_conditions(size, 1, asked.family, seed)
+        return {"condition": condition.to_json()}
+
+    def _open(self, asked: Open, check: Callable[[], None]) -> dict[str, Any]:
+        def parse(value: Any) -> dict[str, Any]:
+            check()
+            if isinstance(value, dict) and "condition" in value:
+                return written(parse_scene(_shown(value, "condition.")))
+            return {"condition": _shown(value)}
+
+        content = BytesIO(asked.text.encode("utf-8", "surrogatepass"))
+        rows = parse_lines(content, asked.name, parse, "tabletop condition or scene")
+        if len(rows) > MAX_SCENES:
+            raise InputError(
+                f"has {len(rows)} lines; the studio opens at most {MAX_SCENES}", file=asked.name
+            )
+        return {"rows": rows}
+
+    def _export(self, asked: Write, check: Callable[[], None]) -> dict[str, Any]:
+        if asked.kind not in EXPORTS:
+            raise InputError(f"must be one of {', '.join(EXPORTS)}", field="kind")
+        condition = studio_condition(asked.condition)
+        made: Export = EXPORTS[asked.kind](condition, parse_poses(asked.poses, condition))
+        content = base64.b64encode(made.content).decode()
+        return {"name": made.name, "type": made.type, "content": content}
+
+
+def _noise(seed: int, draw: int) -> Any:
+    """z(0) of the first scene of a run, as of the command."""
+    return initial_noise(seed, np.array([0]), draw)
+
+
+def _shown(value: Any, prefix: str = "") -> Any:
+    """A line as it is, if the studio can show it."""
+    studio_condition(value["condition"] if prefix else value, prefix.rstrip("."))
+    return value
+
+
+def written(scene: Scene) -> dict[str, Any]:
+    """A scene's line as it stands in a file, and its trace beside it."""
+    certificate = scene.certificate
+    record = certificate.generation
+    trace: Mapping[str, Any] | None = None
+    if record is not None and record.trace is not None:
+        trace = {"names": [each.name for each in record.requirements], **vars(record.trace)}
+        bare = replace(certificate, generation=replace(record, trace=None))
+        scene = replace(scene, certificate=bare)
+    return {"line": json.dumps(scene.to_json(), allow_nan=False), "trace": trace}
+
+
+def command(scene: Scene, max_draws: int) -> str:
+    """The command that makes the scene, for a POSIX shell."""
+    condition = shlex.quote(json.dumps(scene.condition.to_json()))
+    limit = "" if max_draws == MAX_DRAWS else f" --max-draws {max_draws}"
+    return (
+        f"echo {condition} > condition.jsonl\n"
+        f"deggflow tabletop generate --conditions condition.jsonl --seed {scene.seed}{limit} --out scene.jsonl"
+    )
