@@ -38,26 +38,20 @@ def studio(
     address = _address(host)
     try:
         import starlette  # noqa: F401
-        import uvicorn
+        import uvicorn  # noqa: F401
         import websockets  # noqa: F401
     except ImportError as error:
         raise InputError(
             f"the studio needs the package {error.name}: pip install 'deggflow[studio]'"
         ) from None
     from .access import new_token
-    from .server import studio_app
+    from .server import StudioServer, studio_app
 
     token = _given_token() or new_token()
     listener = _listener(address, port)
     where = _with_port(address, listener.getsockname()[1])
     desk = _late_desk(weights)
     hosts = [where, *([where.replace("127.0.0.1", "localhost")] if address == "127.0.0.1" else [])]
-    config = uvicorn.Config(
-        studio_app(desk, token, hosts),
-        log_level="error", access_log=False, server_header=False, lifespan="off",
-        ws="websockets-sansio", ws_max_size=_max_message(), limit_concurrency=64,
-        timeout_keep_alive=30,
-    )  # fmt: skip
     url = f"http://{where}/{token}/"
     _leave_when_interrupted()
     print(url, flush=True)
@@ -65,8 +59,7 @@ def studio(
     threading.Thread(target=desk.warm_up, daemon=True).start()
     if browser:
         threading.Thread(target=_open, args=(url,), daemon=True).start()
-    server: Any = _server(config)
-    server.run(sockets=[listener])
+    StudioServer(studio_app(desk, token, hosts)).run(sockets=[listener])
     return SATISFIED
 
 
@@ -120,25 +113,6 @@ def _listener(address: str, port: int) -> socket.socket:
 
 def _with_port(address: str, port: int) -> str:
     return f"[{address}]:{port}" if ":" in address else f"{address}:{port}"
-
-
-def _max_message() -> int:
-    from .limits import MAX_MESSAGE
-
-    return MAX_MESSAGE
-
-
-def _server(config: Any) -> Any:
-    """A server that leaves signals alone: the command handles them."""
-    from contextlib import nullcontext
-
-    import uvicorn
-
-    class Server(uvicorn.Server):
-        def capture_signals(self) -> Any:
-            return nullcontext()
-
-    return Server(config)
 
 
 def _leave_when_interrupted() -> None:

@@ -84,15 +84,17 @@ class Conversation:
     async def run(self) -> None:
         """Until the page is closed."""
         await self.socket.accept()
-        waiting: MemoryObjectSendStream[str]
-        messages: MemoryObjectReceiveStream[str]
         waiting, messages = anyio.create_memory_object_stream[str](MAX_WAITING)
-        async with anyio.create_task_group() as tasks:
+        async with waiting, messages, anyio.create_task_group() as tasks:
             tasks.start_soon(self._answer_all, messages)
             try:
                 while True:
                     await self._take(await self.socket.receive_text(), waiting)
-            except (WebSocketDisconnect, KeyError):  # KeyError: bytes instead of text
+            except WebSocketDisconnect:
+                pass
+            except KeyError:  # bytes instead of text
+                await self.socket.close(1003, "messages are text")
+            finally:
                 self.closed = True
                 tasks.cancel_scope.cancel()
 

@@ -1,10 +1,12 @@
 """The studio's web application: the page's files, and a websocket for each page."""
 
 from collections.abc import Iterable
+from contextlib import AbstractContextManager, nullcontext
 from importlib.resources import files
 from typing import NamedTuple
 
 import anyio
+import uvicorn
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
@@ -16,7 +18,7 @@ from deggflow.blocks import cores
 
 from .access import Access
 from .conversation import AbstractDesk, Conversation
-from .limits import MAX_TABS
+from .limits import MAX_MESSAGE, MAX_REQUESTS, MAX_TABS
 
 _TYPES = {
     "html": "text/html; charset=utf-8",
@@ -83,3 +85,21 @@ def studio_app(desk: AbstractDesk, token: str, hosts: Iterable[str]) -> ASGIApp:
         Route("/{token}/{name}", asset),
     ]
     return Access(Starlette(routes=routes), token, hosts)
+
+
+class StudioServer(uvicorn.Server):
+    """A server that leaves signals to the command, and keeps no log."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        """Args: app: of a studio."""
+        super().__init__(
+            uvicorn.Config(
+                app, log_level="error", access_log=False, server_header=False, lifespan="off",
+                ws="websockets-sansio", ws_max_size=MAX_MESSAGE, limit_concurrency=MAX_REQUESTS,
+                timeout_graceful_shutdown=1,
+            )
+        )  # fmt: skip
+
+    def capture_signals(self) -> AbstractContextManager[None]:  # type: ignore[override]
+        """Captures none."""
+        return nullcontext()

@@ -52,7 +52,8 @@ def judgement(
     """
     (verdict,) = judge([condition], [poses])
     marks = marks_of(verdict)
-    rows = verdict.breaches if breaches_only else all_margins(condition, poses)
+    rows = all_margins(condition, poses)
+    breaches = [row for row in rows if not row.margin >= 0]
     return {
         "satisfied": verdict.satisfied,
         "min_margin": verdict.min_margin,
@@ -68,9 +69,9 @@ def judgement(
                 "margin": row.margin,
                 "gap": np.round(gap_of(condition, poses, row), 5).tolist(),
             }
-            for row in rows
+            for row in (breaches if breaches_only else rows)
         ],
-        "breaches": [describe(each, condition.objects) for each in verdict.breaches[:NAMED]],
+        "breaches": [describe(each, condition.objects) for each in breaches[:NAMED]],
         "blocked": sorted(marks.blocked),
         "outlined": sorted(marks.outlined),
         "unbalanced": marks.unbalanced,

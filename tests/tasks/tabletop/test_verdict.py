@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from deggflow.tasks.tabletop.condition import Affordance, SceneCondition
-from deggflow.tasks.tabletop.verdict import BUFFER, Kind, judge
+from deggflow.tasks.tabletop.verdict import BUFFER, Kind, all_margins, judge
 
 EXACT = 1e-9  # m
 CUP_AND_LAMP = ("pen_cup", "desk_lamp")  # disks of 0.034 and 0.06 m
@@ -54,6 +54,22 @@ def test_breaches_are_the_negative_margins(many, reference):
         order = [b.margin for b in found.breaches]
         assert order == sorted(order)  # the worst first
         assert (found.reason(condition.objects) is None) == found.satisfied
+
+
+def test_every_margin_is_listed_once(many, reference):
+    """Of each kind the least is the least of all, and none is one that does not exist."""
+    for condition, pose in list(zip(*many, strict=True))[::5]:
+        margins, rows = reference(condition, pose), all_margins(condition, pose)
+        assert [row.margin for row in rows] == sorted(row.margin for row in rows)
+        assert len({row[:-1] for row in rows}) == len(rows)
+        for kind in Kind:
+            expected = margins[kind.value]
+            told = np.array([row.margin for row in rows if row.kind is kind])
+            if len(expected) == 0:
+                assert len(told) == 0
+                continue
+            assert told.min() == pytest.approx(expected.min(), abs=EXACT)
+            assert np.abs(told[:, None] - expected).min(axis=1).max() < EXACT
 
 
 def test_together_or_one_by_one(many):

@@ -36,7 +36,7 @@ const build = (library, connection) => {
   defineLooks(byId("looks"), library);
   const nominal = new Picture(byId("nominal", SVGElement), library);
   const guided = new Picture(byId("guided", SVGElement), library);
-  const studio = new Studio(connection, () => refresh(), showTrouble);
+  const studio = new Studio(connection, () => refresh(), showTrouble, (busy) => byId("scene").setAttribute("aria-busy", String(busy)));
   const handles = new Handles(guided, studio);
   const controls = new Controls(studio, library);
   const certificate = new CertificateView((margin) => guided.mark(margin));
@@ -51,8 +51,9 @@ const build = (library, connection) => {
         return null;
       });
     },
-    (before, after) => {
+    (before, after, underway) => {
       if (!studio.shown) return;
+      for (const picture of [nominal, guided]) picture.root.classList.toggle("replaying", underway);
       nominal.move(studio.shown.condition, before);
       guided.move(studio.shown.condition, after);
     },
@@ -69,6 +70,7 @@ const build = (library, connection) => {
     if (shown && shown !== drawn) {
       const started = drawn?.trace !== shown.trace || drawn?.origin !== shown.origin;
       drawn = shown;
+      for (const picture of [nominal, guided]) picture.root.classList.remove("replaying");
       guided.draw(shown.condition, shown.poses, shown.judgement);
       guided.nameBreaches(shown.judgement);
       byId("nominal").toggleAttribute("hidden", !shown.nominal);
@@ -79,7 +81,6 @@ const build = (library, connection) => {
     }
     handles.refresh();
     byId("undo-move").hidden = studio.before === null;
-    byId("scene").setAttribute("aria-busy", String(studio.slow));
     if (studio.slow) say(shown ? "Working." : COMPILING);
     else if (shown) say(summary(shown));
   };

@@ -10,6 +10,14 @@ import { outline, required, spoken, transform, typeName } from "./geometry.js";
 /** @typedef {import("./types.js").Library} Library */
 /** @typedef {import("./types.js").Margin} Margin */
 
+/** What a breach of each kind is called in a few letters. */
+const NAMES = /** @type {Record<string, string>} */ ({
+  separation: "overlap",
+  unobstructed: "blocked",
+  "object on table": "over the edge",
+  "region on table": "over the edge",
+  balance: "off balance",
+});
 const AROUND = 0.06; // m around the table
 const CROSS = 0.02; // m, half the size of the centre of mass's cross
 
@@ -41,19 +49,21 @@ export class Picture {
     this.objects = svg("g");
     this.balance = svg("g", { class: "balance" });
     this.gap = svg("g", { class: "gap" });
+    this.breaches = svg("g", { class: "gap wrong breaches" });
     this.extras = svg("g");
     this.labels = svg("g", { "aria-hidden": "true" });
     const world = svg("g", { transform: "scale(1 -1)" });
-    world.append(this.table, this.regions, this.objects, this.balance, this.gap, this.extras);
+    world.append(this.table, this.regions, this.objects, this.balance, this.breaches, this.gap, this.extras);
     root.replaceChildren(world, this.labels);
     /** @type {Map<string, {regions: SVGElement, object: SVGElement, label: SVGElement}>} */
     this.parts = new Map();
-    this.width = 1;
+    this.width = this.depth = 1;
   }
 
   /** Metres of a pixel. */
   get pixel() {
-    return this.width / Math.max(this.root.clientWidth, 1);
+    const { clientWidth, clientHeight } = this.root;
+    return Math.max(this.width / Math.max(clientWidth, 1), this.depth / Math.max(clientHeight, 1));
   }
 
   /**
@@ -64,7 +74,8 @@ export class Picture {
   draw(condition, poses, judgement) {
     const { width, depth } = condition.table ?? this.library.table;
     this.width = width + 2 * AROUND;
-    const view = [-this.width / 2, -depth / 2 - AROUND, this.width, depth + 2 * AROUND];
+    this.depth = depth + 2 * AROUND;
+    const view = [-this.width / 2, -this.depth / 2, this.width, this.depth];
     set(this.root, { viewBox: view.join(" ") });
     set(this.table, { x: -width / 2, y: -depth / 2, width, height: depth });
     set(this.labels, { "font-size": 11 * this.pixel, "stroke-width": 2.5 * this.pixel });
@@ -141,25 +152,37 @@ export class Picture {
       svg("circle", { cx: x1, cy: y1, r: end }),
       svg("circle", { cx: x2, cy: y2, r: end }),
     );
-    const text = svg("text", { class: "gap-text", x: (x1 + x2) / 2, y: -(y1 + y2) / 2 - 7 * this.pixel });
-    text.textContent = `${(1000 * margin.margin).toFixed(1)} mm`;
+    const words = `${(1000 * margin.margin).toFixed(1)} mm`;
+    const text = svg("text", { class: "gap-text", x: this.within((x1 + x2) / 2, words), y: -(y1 + y2) / 2 - 7 * this.pixel });
+    text.textContent = words;
     text.classList.toggle("wrong", !(margin.margin >= 0));
     this.labels.append(text);
   }
 
-  /** Names the worst breaches where they are. @param {Judgement | null} judgement */
+  /** Names the worst breaches where they are, numbered as in the list below. @param {Judgement | null} judgement */
   nameBreaches(judgement) {
     this.labels.querySelectorAll(".breach").forEach((each) => each.remove());
-    (judgement?.breaches ?? []).slice(0, 3).forEach((words, k) => {
-      const margin = judgement?.margins[k];
-      if (!margin) return;
-      const [[x1, y1], [x2, y2]] = margin.gap;
-      const half = Math.max(this.width / 2 - 3.1 * words.length * this.pixel, 0);
-      const x = Math.min(Math.max((x1 + x2) / 2, -half), half);
-      const text = svg("text", { class: "breach wrong", x, y: -(y1 + y2) / 2 - 4 * this.pixel });
-      text.textContent = spoken(words);
+    this.breaches.replaceChildren();
+    const line = 13 * this.pixel;
+    /** @type {import("./types.js").Spot[]} */
+    const taken = [];
+    judgement?.margins.slice(0, judgement.breaches.length).forEach(({ kind, margin, gap: [[x1, y1], [x2, y2]] }, k) => {
+      const words = `${k + 1}: ${NAMES[kind]} ${(-1000 * margin).toFixed(0)} mm`;
+      const x = this.within((x1 + x2) / 2, words);
+      let y = -(y1 + y2) / 2 - line / 3;
+      while (taken.some((other) => Math.abs(other[1] - y) < line && Math.abs(other[0] - x) < 9 * line)) y -= line;
+      taken.push([x, y]);
+      const text = svg("text", { class: "breach wrong", x, y });
+      text.textContent = words;
       this.labels.append(text);
+      this.breaches.append(svg("line", { x1, y1, x2, y2 }));
     });
+  }
+
+  /** The middle of a text, so far inside that the picture holds all of it. @param {number} x @param {string} words */
+  within(x, words) {
+    const half = Math.max(this.width / 2 - 3.1 * words.length * this.pixel, 0);
+    return Math.min(Math.max(x, -half), half);
   }
 
   /** @param {string} name */

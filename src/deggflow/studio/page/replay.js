@@ -16,7 +16,7 @@ const LEAST = 1e-8; // of a logarithmic axis
 export class ReplayView {
   /**
    * @param {() => Promise<Replay | null>} load the generation of the scene that is shown
-   * @param {(nominal: Pose[], guided: Pose[]) => void} onPoses
+   * @param {(nominal: Pose[], guided: Pose[], underway: boolean) => void} onPoses
    */
   constructor(load, onPoses) {
     this.load = load;
@@ -58,7 +58,7 @@ export class ReplayView {
     while (k < last - 1 && replay.tau[k + 1] <= tau) k++;
     const part = Math.min((tau - replay.tau[k]) / (replay.tau[k + 1] - replay.tau[k]), 1);
     const at = (/** @type {Pose[][]} */ path) => path[k].map((pose, i) => between(pose, path[k + 1][i], part));
-    this.onPoses(at(replay.nominal), at(replay.guided));
+    this.onPoses(at(replay.nominal), at(replay.guided), tau < 1);
     this.point(tau);
   }
 
@@ -139,7 +139,7 @@ const drawChart = (trace, row, name) => {
   const y = (/** @type {number} */ number) =>
     HEIGHT - EDGE.bottom - ((scale(number) - low) / Math.max(high - low, 1e-9)) * (HEIGHT - EDGE.top - EDGE.bottom);
   const line = (/** @type {number[]} */ numbers) => "M" + trace.tau.map((tau, k) => `${x(tau).toFixed(1)} ${y(numbers[k]).toFixed(1)}`).join("L");
-  const ticks = logarithmic ? powers(low, high) : [low, 0, high].filter((each, k, row) => row.indexOf(each) === k);
+  const ticks = logarithmic ? powers(low, high) : [low, ...(apart(0, low, high) ? [0] : []), high];
   const title = svg("text", { x: EDGE.left, y: 13 });
   const cursor = svg("line", { class: "cursor", y1: EDGE.top, y2: HEIGHT - EDGE.bottom });
   const foot = HEIGHT - EDGE.bottom;
@@ -163,6 +163,9 @@ const drawChart = (trace, row, name) => {
   root.append(text("generative time τ (bound dashed, limit of discrete steps dotted)", { x: x(0.5), y: HEIGHT - 5, "text-anchor": "middle" }));
   return { root, cursor, title };
 };
+
+/** Whether a tick has room between the ends. @param {number} tick @param {number} low @param {number} high */
+const apart = (tick, low, high) => Math.min(tick - low, high - tick) > 0.12 * (high - low);
 
 /** @param {number} low @param {number} high */
 const powers = (low, high) => {

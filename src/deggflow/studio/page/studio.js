@@ -57,11 +57,13 @@ export class Studio {
    * @param {import("./connection.js").Connection} connection
    * @param {() => void} onChange
    * @param {(error: Error | null) => void} onTrouble
+   * @param {(busy: boolean) => void} onBusy
    */
-  constructor(connection, onChange, onTrouble) {
+  constructor(connection, onChange, onTrouble, onBusy) {
     this.connection = connection;
     this.onChange = onChange;
     this.onTrouble = onTrouble;
+    this.onBusy = onBusy;
     this.run = latestOnly();
     /** @type {Condition} */
     this.condition = { objects: [] };
@@ -112,7 +114,7 @@ export class Studio {
     this.condition = condition;
     if (this.selected && !condition.objects.includes(this.selected)) this.selected = null;
     if (this.live || !same) this.generate({ dragging });
-    else this.judge(this.shown?.poses ?? [], "edited");
+    else this.judge("edited");
     this.onChange();
   }
 
@@ -136,17 +138,19 @@ export class Studio {
     });
   }
 
-  /** @param {Pose[]} poses @param {"edited" | "moved"} origin */
-  judge(poses, origin) {
+  /** Exact geometry on the scene that is shown, under the condition that is asked for. @param {"edited" | "moved"} origin */
+  judge(origin) {
     return this.work(async () => {
       const { condition, shown } = this;
-      if (!shown || condition.objects.length !== poses.length) return;
-      const judgement = await this.connection.ask("judge", { condition, poses });
-      if (origin === "moved") this.before ??= shown;
-      let nominal = shown.nominal;
+      if (!shown || condition.objects.length !== shown.poses.length) return;
+      const judgement = await this.connection.ask("judge", { condition, poses: shown.poses });
+      let { nominal } = shown;
       if (nominal && origin === "edited") {
         nominal = { ...nominal, judgement: await this.connection.ask("judge", { condition, poses: nominal.poses }) };
       }
+      // Objects may have been moved on, or put back, meanwhile.
+      if (origin === "moved" && this.shown?.origin !== "moved") return;
+      const { poses } = this.shown ?? shown;
       this.shown = { ...shown, condition, poses, judgement, nominal, origin, trace: null, command: null };
     });
   }
@@ -156,10 +160,11 @@ export class Studio {
     if (!this.shown) return;
     const index = this.shown.condition.objects.indexOf(name);
     if (index < 0) return;
+    this.before ??= this.shown;
     this.condition = this.shown.condition;
     const poses = this.shown.poses.map((each, k) => (k === index ? pose : each));
-    this.shown = { ...this.shown, poses };
-    this.judge(poses, "moved");
+    this.shown = { ...this.shown, poses, origin: "moved", trace: null, command: null };
+    this.judge("moved");
     this.onChange();
   }
 
@@ -221,6 +226,7 @@ export class Studio {
   /** @param {() => Promise<void>} task */
   work(task) {
     return this.run(async () => {
+      this.onBusy(true);
       const slow = setTimeout(() => {
         this.slow = true;
         this.onChange();
@@ -235,6 +241,7 @@ export class Studio {
         this.slow = false;
         this.keep();
         this.onChange();
+        this.onBusy(false);
       }
     });
   }
