@@ -42,6 +42,7 @@ FLOORS = [
         "certification",
         "identity",
         "judge",
+        "notebook",
         "recording",
         "records",
         "redraw",

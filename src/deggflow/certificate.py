@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from .notebook import certificate_html
+
 
 @dataclass(frozen=True)
 class RequirementVerdict:
@@ -163,6 +165,10 @@ class Certificate:
         if not self.verdicts:
             del out["verdicts"]
         return out
+
+    def _repr_html_(self) -> str:
+        """What notebooks show."""
+        return certificate_html(self)
 
     def table(self) -> str:
         """The certificate as a readable table."""

@@ -15,6 +15,7 @@ from .flow import Field
 from .guidance import AbstractGuidance
 from .guided_field import GuidedField
 from .identity import requirement_numbers
+from .notebook import generation_html
 from .shapes import Mask, Scalar, States
 from .solver import EULER, RungeKutta
 from .step_guard import GuardedSteps, SampleProgress, StepGuard, finish
@@ -43,6 +44,10 @@ class Generation(NamedTuple):
     def work(self) -> Work:
         """Evaluations, refused and forced steps."""
         return self.summary.work
+
+    def _repr_html_(self) -> str:
+        """What notebooks show."""
+        return generation_html(self)
 
 
 def refined_grid(steps: int = DEFAULT_STEPS, power: float = 2.0) -> Float[Array, " points"]:

@@ -19,6 +19,7 @@ from .drift import EVERY_STEP, AbstractDrift
 from .flow import Field
 from .generation import GUARD, Generation, generate_batch
 from .guidance import AbstractGuidance, AbstractRequirement, DecoupledGuidance, NoGuidance
+from .notebook import samples_html
 from .redraw import Candidate, Drawn, redraw_until_satisfied
 from .solver import EULER, RungeKutta
 from .step_guard import StepGuard
@@ -74,6 +75,10 @@ class Samples:
         return {
             k: each.reason for k, each in enumerate(self.certificates) if each.reason is not None
         }
+
+    def _repr_html_(self) -> str:
+        """What notebooks show."""
+        return samples_html(self)
 
     def __str__(self) -> str:
         """In one line, and one more for each of the first few that were refused."""

@@ -5,6 +5,7 @@ import os
 import signal
 import socket
 import threading
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,8 @@ def studio(
     """
     check_range("port", port, 0, 65535)
     address = _address(host)
+    if weights is not None and not weights.is_file():
+        raise InputError("there is no such file", file=weights)
     try:
         import starlette  # noqa: F401
         import uvicorn  # noqa: F401
@@ -56,7 +59,7 @@ def studio(
     _leave_when_interrupted()
     print(url, flush=True)
     console().print("The studio runs until Ctrl-C. Keep the address to yourself: it holds a token.")
-    threading.Thread(target=desk.warm_up, daemon=True).start()
+    threading.Thread(target=_warm_up, args=(desk,), daemon=True).start()
     if browser:
         threading.Thread(target=_open, args=(url,), daemon=True).start()
     StudioServer(studio_app(desk, token, hosts)).run(sockets=[listener])
@@ -76,6 +79,11 @@ def _late_desk(weights: Path | None) -> Any:
         return TabletopDesk(lambda: load_field(weights))
 
     return LateDesk(load)
+
+
+def _warm_up(desk: Any) -> None:
+    with suppress(InputError):  # of the weights; the page will be told
+        desk.warm_up()
 
 
 def _address(host: str) -> str:

@@ -1,7 +1,7 @@
 """The studio's web application: the page's files, and a websocket for each page."""
 
-from collections.abc import Iterable
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from importlib.resources import files
 from typing import NamedTuple
 
@@ -100,6 +100,7 @@ class StudioServer(uvicorn.Server):
             )
         )  # fmt: skip
 
-    def capture_signals(self) -> AbstractContextManager[None]:  # type: ignore[override]
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
         """Captures none."""
-        return nullcontext()
+        yield

@@ -39,6 +39,7 @@ def test_the_address_that_it_prints_opens_the_page(started):
     [
         (["--host", "0.0.0.0"], "--host must be one address of this machine"),
         (["--host", "example.org"], "--host must be an IP address or localhost"),
+        (["--weights", "none.safetensors"], "none.safetensors: there is no such file"),
         (["--port", "70000"], r"--port must lie in \[0, 65535\]"),
         (["--port", "1", "--host", "192.0.2.1"], "can't listen at 192.0.2.1, port 1"),
     ],

@@ -185,8 +185,8 @@ def test_every_edit_has_its_keys(page, tmp_path):
     assert need.radius_scale == pytest.approx(1.25)
     assert condition.width == pytest.approx(1.45)
     page("#guided .object[data-name=laptop]").focus()
-    for _ in range(60):
-        page.page.keyboard.press("ArrowLeft")
+    for _ in range(45):
+        page.page.keyboard.press("ArrowRight")
     page.settle()
     assert page("#status").inner_text().startswith("Moved by hand")
     assert "laptop" in page("#unmet").inner_text()
@@ -241,7 +241,9 @@ def test_the_slider_replays_the_generation(page):
     assert page.places() == page.places("nominal") != end[0]
     page("#tau").press("End")
     api.expect(page("#guided")).not_to_have_class(re.compile("replaying"))
-    assert (page.places(), page.places("nominal")) == pytest.approx(end)
+    assert page.places() == end[0]
+    numbers = [re.findall(r"-?[\d.]+", " ".join(each)) for each in (page.places("nominal"), end[1])]
+    np.testing.assert_allclose(*np.array(numbers, float), atol=1e-2)  # degrees, and m
     assert page("#charts .chart").count() == 1
     page("#play").click()
     api.expect(page("#play")).to_have_text("Stop")

@@ -74,8 +74,5 @@ export const transform = ([x, y, theta]) =>
   `translate(${round(x, 5)} ${round(y, 5)}) rotate(${round((180 / Math.PI) * theta, 3)})`;
 
 /** Between two poses, the shorter way round. @param {Pose} a @param {Pose} b @param {number} part @returns {Pose} */
-export const between = (a, b, part) => [
-  a[0] + part * (b[0] - a[0]),
-  a[1] + part * (b[1] - a[1]),
-  a[2] + part * wrap(b[2] - a[2]),
-];
+export const between = (a, b, part) =>
+  part === 1 ? b : [a[0] + part * (b[0] - a[0]), a[1] + part * (b[1] - a[1]), a[2] + part * wrap(b[2] - a[2])];
