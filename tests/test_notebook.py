@@ -40,7 +40,7 @@ def shown(thing):
 
 
 def texts(tree):
-    return " ".join(tree.itertext())
+    return "".join(tree.itertext())
 
 
 def test_a_certificate(samples):

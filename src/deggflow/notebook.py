@@ -41,7 +41,7 @@ def samples_html(samples: "Samples") -> str:
     lines = [escape(line) for line in str(samples).splitlines()]
     picture = _picture(samples.z[:SHOWN], samples.satisfied[:SHOWN])
     note = f"<p>The first {SHOWN} of them.</p>" if picture and len(samples) > SHOWN else ""
-    return _block([f"<p>{'<br>'.join(lines)}</p>", picture, note])
+    return _block([f"<p>{'<br/>'.join(lines)}</p>", picture, note])
 
 
 def generation_html(generation: "Generation") -> str:
@@ -130,7 +130,7 @@ def _chart(name: str, tau: Curve, value: Curve, bound: Curve, limit: Curve) -> s
         f'<path d="{_path(x, row)}" fill="none" {style}/>' for row, style in zip(y, styles, strict=True)
     ]  # fmt: skip
     texts = [
-        _text(_LEFT, 12, f"{name}; bound dashed, limit dotted", "start"),
+        _text(_LEFT, 12.0, f"{name}; bound dashed, limit dotted", "start"),
         *(
             _text(_LEFT - 5, at + 4, f"{10**number if logarithmic else number:.1g}", "end")
             for number, at in ((low, foot), (high, _TOP))

@@ -114,6 +114,7 @@ def _listener(address: str, port: int) -> socket.socket:
         listener.bind((address, port))
     except OSError as error:
         if port != PORT:
+            listener.close()
             raise InputError(f"can't listen at {address}, port {port}: {error.strerror}") from None
         listener.bind((address, 0))
     return listener

@@ -46,10 +46,16 @@ const build = (library, connection) => {
       const { shown } = studio;
       if (!shown || shown.draw === null || shown.origin !== "generated") return null;
       const { condition, poses, draw } = shown;
-      return connection.ask("replay", { condition, poses, draw, seed: shown.scene.seed }).catch((error) => {
-        showTrouble(error);
+      try {
+        const replay = await connection.ask("replay", { condition, poses, draw, seed: shown.scene.seed });
+        // It ends at what is shown, to the last digit.
+        replay.guided[replay.guided.length - 1] = poses;
+        if (shown.nominal) replay.nominal[replay.nominal.length - 1] = shown.nominal.poses;
+        return replay;
+      } catch (error) {
+        showTrouble(/** @type {Error} */ (error));
         return null;
-      });
+      }
     },
     (before, after, underway) => {
       if (!studio.shown) return;

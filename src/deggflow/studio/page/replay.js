@@ -28,7 +28,7 @@ export class ReplayView {
     /** @type {{cursor: SVGElement, title: SVGElement, name: string, row: number}[]} */
     this.charts = [];
     this.playing = 0;
-    this.frames = 0;
+    this.scene = 0; // counts the scenes that were shown
     this.slider = byId("tau", HTMLInputElement);
     this.button = byId("play");
     this.text = byId("tau-text");
@@ -43,6 +43,7 @@ export class ReplayView {
   reset(trace) {
     this.stop();
     this.replay = null;
+    this.scene += 1;
     this.trace = trace;
     this.slider.value = "1";
     this.drawCharts();
@@ -64,8 +65,11 @@ export class ReplayView {
 
   async loaded() {
     if (!this.replay) {
+      const { scene } = this;
       this.text.textContent = "computing the replay";
-      this.replay = await this.load();
+      const replay = await this.load();
+      if (scene !== this.scene) return null; // another one is shown by now
+      this.replay = replay;
       this.point(this.slider.valueAsNumber);
     }
     return this.replay;
@@ -75,10 +79,8 @@ export class ReplayView {
     if (!(await this.loaded())) return;
     const start = performance.now();
     this.button.textContent = "Stop";
-    this.frames = 0;
     const step = (/** @type {number} */ now) => {
       const tau = Math.min(Math.max((now - start) / DURATION, 0), 1);
-      this.frames += 1;
       this.slider.value = String(tau);
       this.showAt(tau);
       if (tau < 1) this.playing = requestAnimationFrame(step);
