@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from deggflow import (
+    AfterPrediction,
     DecoupledGuidance,
     EveryStep,
     Extrapolated,
+    ExtrapolatedEndpoint,
     PrivateRequirement,
     SharedFactor,
     SharedRequirements,
@@ -87,6 +89,8 @@ CASES = {
     "private": (DecoupledGuidance((APART,)), EveryStep()),
     "shared and private": (BOTH, EveryStep()),
     "few evaluations": (BOTH, Extrapolated(4)),
+    "endpoint": (BOTH, ExtrapolatedEndpoint(4)),
+    "after a prediction": (BOTH, AfterPrediction(ExtrapolatedEndpoint(4))),
     "control map": (DecoupledGuidance((APART, CENTRE), control=control), EveryStep()),
 }
 
