@@ -5,8 +5,9 @@ import math
 import os
 from codecs import BOM_UTF8
 from collections.abc import Callable, Collection, Mapping, Sequence
+from io import BufferedIOBase
 from pathlib import Path
-from typing import Any, BinaryIO, TypeVar
+from typing import Any, TypeVar
 
 from .files import StrPath
 
@@ -141,7 +142,9 @@ def read_lines(path: StrPath, parse: Callable[[Any], T], what: str) -> list[T]:
         raise InputError(f"can't be read: {error.strerror}", file=path) from None
 
 
-def parse_lines(file: BinaryIO, name: StrPath, parse: Callable[[Any], T], what: str) -> list[T]:
+def parse_lines(
+    file: BufferedIOBase, name: StrPath, parse: Callable[[Any], T], what: str
+) -> list[T]:
     """As `read_lines`, for an open file or text in memory.
 
     Args:

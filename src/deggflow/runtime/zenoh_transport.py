@@ -73,7 +73,7 @@ class ZenohTransport:
             "listen/endpoints": [endpoints[number]],
             # One link for each pair: the later agent connects, again and again until the other is there.
             "connect/endpoints": list(endpoints[:number]),
-            "connect/timeout_ms": 0,
+            "connect/timeout_ms": -1,
             "connect/exit_on_failure": False,
         }
 
