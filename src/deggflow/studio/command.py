@@ -117,6 +117,7 @@ def _listener(address: str, port: int) -> socket.socket:
             listener.close()
             raise InputError(f"can't listen at {address}, port {port}: {error.strerror}") from None
         listener.bind((address, 0))
+    listener.listen()  # whoever opens the address before the server runs has to wait, not to fail
     return listener
 
 
