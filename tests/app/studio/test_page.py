@@ -271,7 +271,8 @@ def test_every_export_opens_again(page, tmp_path):
     svg = page.download("[data-export=svg]", tmp_path)
     assert ElementTree.parse(svg).getroot().tag.endswith("svg")
     png = page.download("[data-export=png]", tmp_path)
-    assert Image.open(png).size == (960, 720)
+    with Image.open(png) as picture:
+        assert picture.size == (960, 720)
     model = mujoco.MjModel.from_xml_path(str(page.download("[data-export=mjcf]", tmp_path)))
     assert model.body("laptop").pos[:2] == pytest.approx(scene.poses[0, :2], abs=1e-5)
     page("#keep").click()
