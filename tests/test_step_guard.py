@@ -14,6 +14,7 @@ from deggflow import (
     PrivateRequirement,
     SharedFactor,
     SharedRequirements,
+    distances,
     generate,
     refined_grid,
 )
@@ -140,6 +141,45 @@ def test_after_a_refusal_steps_grow_by_doubling():
     accepted = np.asarray(out.summary.points)
     assert refused.max() > 8
     assert np.all(refused <= accepted + 6)
+
+
+@pytest.mark.parametrize("x64", [False, True])
+def test_steps_stay_longer_than_the_rounding_of_tau(x64):
+    """Where nothing helps, a step is halved until it is as short as that, and taken: a sample goes on in any case."""
+    with jax.enable_x64(x64):
+        z0 = jnp.array([[-1.0, 0.0], [1.0, 0.0]])
+
+        def collide(tau, z, condition):
+            return jnp.array([[1.0, 0.0], [-1.0, 0.0]])
+
+        nobody = DecoupledGuidance(
+            (PrivateRequirement(lambda z, _: distances(z) - 1.0, 0.05),),
+            control=lambda tau, z, _: jnp.zeros((2, 2, 1)),
+        )
+        out = generate(
+            collide, nobody, z0, None, grid=refined_grid(100, power=3.0), guard=StepGuard(100)
+        )
+    assert out.work.forced_steps > 10
+    assert out.work.refused_steps <= 100 * 100
+    assert out.work.evaluations < 101 * (2 * 100 + 60)
+    np.testing.assert_allclose(out.z[:, 0], [0.0, 0.0], atol=1e-4)
+
+
+def test_a_sample_goes_on_however_often_steps_are_halved():
+    """Once a value is no number, all steps are refused until they are as short as the rounding of tau."""
+
+    def broken(z, condition):
+        gap = distances(z) - 1.0
+        return jnp.where(z[:1, :1] > 0.5, jnp.nan, gap)
+
+    def drift(tau, z, condition):
+        return jnp.ones_like(z)
+
+    guidance = DecoupledGuidance((PrivateRequirement(broken, 0.05),))
+    z0 = jnp.array([[0.0, 0.0], [5.0, 5.0]])
+    out = generate(drift, guidance, z0, None, grid=refined_grid(20), guard=StepGuard(60))
+    assert not out.summary.hypotheses_hold
+    np.testing.assert_allclose(out.z, z0 + 1.0, rtol=1e-5)
 
 
 def test_a_sample_in_a_batch_is_what_it_is_alone():

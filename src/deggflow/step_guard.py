@@ -21,6 +21,7 @@ OnForcedStep = Callable[[Any, Float[Array, ""], Float[Array, " rows"], Bool[Arra
 
 LAST = 16  # the last sixteenth of a batch is finished by itself
 ROUNDING = 64  # times the precision: what a value's own sums may be off
+SHORTEST = 8  # times the precision: a step in tau that is not halved any more
 UNSMOOTH = 0.5  # a smooth value rises against its slope by a part that halves with the step; at a kink the part stays
 
 
@@ -135,7 +136,9 @@ class GuardedSteps(NamedTuple):
         # NaN counts as exceeding the limit; no step led to the first point.
         over = ~(report.value <= report.limit) & (at.goal > 0)
         within = ~jnp.any(over)
-        accept = active & (within | (at.left == 0))
+        size = at.proposed_tau - at.tau
+        # Half of a shorter step could be lost in the rounding of tau, and the sample would never move on.
+        accept = active & (within | (at.left == 0) | (size <= SHORTEST * jnp.finfo(size.dtype).eps))
         refuse = active & ~accept
         forced = accept & ~within
         reached = accept & at_goal
@@ -145,7 +148,6 @@ class GuardedSteps(NamedTuple):
             lambda forced_on, on, old: jnp.where(forced, forced_on, jnp.where(accept, on, old)),
             recovered, then, at.state,
         )  # fmt: skip
-        size = at.proposed_tau - at.tau
         unexpected = (report.value - at.value) / jnp.where(size > 0, size, 1.0) - at.value_slope
         much_shorter = size <= at.refused_size / 4
         kinks = forced & much_shorter & over & (unexpected > UNSMOOTH * at.unexpected)
