@@ -25,13 +25,13 @@ def started(environment):
 def test_the_address_that_it_prints_opens_the_page(started):
     process, address = started
     assert re.fullmatch(r"http://127\.0\.0\.1:\d+/[\w-]{32}/", address)
-    with urllib.request.urlopen(address, timeout=30) as page:
+    with urllib.request.urlopen(address, timeout=600) as page:
         assert b"deggflow studio" in page.read()
     with pytest.raises(urllib.error.HTTPError, match="404") as refused:
-        urllib.request.urlopen(address[:-2], timeout=30)
+        urllib.request.urlopen(address[:-2], timeout=600)
     refused.value.close()
     process.send_signal(signal.SIGINT)
-    assert process.wait(30) == 0
+    assert process.wait(600) == 0
     assert process.stderr.read().splitlines()[-1] == "deggflow: the studio has stopped"
 
 
