@@ -29,6 +29,7 @@ from deggflow.tasks.tabletop.condition import SceneCondition
 from deggflow.tasks.tabletop.deviation import SceneDeviation, TheoremDeviation
 from deggflow.tasks.tabletop.field import build_field
 from deggflow.tasks.tabletop.generator import TabletopGenerator, initial_noise
+from deggflow.tasks.tabletop.recorded import recorded_violation
 from deggflow.tasks.tabletop.requirements import tabletop_guidance
 from deggflow.tasks.tabletop.verdict import BUFFER, Breach, Kind, judge
 from deggflow.train import Curve
@@ -55,7 +56,7 @@ def test_v_along_both_paths_is_what_exact_geometry_says(generators):
     found = [evolution(generator, noise, condition) for generator in generators]
     for each in found:
         assert len(each.tau) == len(each.violation) == len(each.poses) == STEPS + 1
-        exact = [verdict.violation for verdict in judge([condition] * (STEPS + 1), each.poses)]
+        exact = [recorded_violation(condition, poses) for poses in each.poses]
         np.testing.assert_allclose(each.violation, exact, rtol=2e-3, atol=1e-9)
     nominal, guided = found
     assert nominal.violation[0] == pytest.approx(guided.violation[0], rel=1e-6)

@@ -231,7 +231,7 @@ def _values(generation: Line, field: str, policy: _Policy) -> Iterator[Wrong]:
                 yield Wrong(f"{place}.value", f"is not V of the executed actions, {exact:.6g}")
 
 
-def _length(violation: float) -> float:
+def _length(violation: int | float) -> float:
     """The norm in m/s of all shortfalls from the buffers; V is half its square."""
     return float(np.sqrt(2 * max(violation, 0.0)))
 

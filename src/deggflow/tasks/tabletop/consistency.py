@@ -105,7 +105,7 @@ def _values(generation: Line, field: str, scene: Scene) -> Iterator[Wrong]:
                 yield Wrong(place, f"is not q of the scene, {exact:.6g}")
 
 
-def _length(violation: float) -> float:
+def _length(violation: int | float) -> float:
     """The norm in m of all shortfalls from the buffers; V is half its square."""
     return math.sqrt(2 * max(violation, 0.0))
 
