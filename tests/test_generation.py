@@ -116,6 +116,7 @@ MIXED = DecoupledGuidance(
 )
 
 
+@pytest.mark.rounding
 @pytest.mark.parametrize(
     ("guard", "stopping", "keep_path", "samples"),
     [
