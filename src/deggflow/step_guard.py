@@ -138,7 +138,9 @@ class GuardedSteps(NamedTuple):
         within = ~jnp.any(over)
         size = at.proposed_tau - at.tau
         # Half of a shorter step could be lost in the rounding of tau, and the sample would never move on.
-        accept = active & (within | (at.left == 0) | (size <= SHORTEST * jnp.finfo(size.dtype).eps))
+        accept = active & (
+            within | (at.left == 0) | (size <= SHORTEST * float(jnp.finfo(size.dtype).eps))
+        )
         refuse = active & ~accept
         forced = accept & ~within
         reached = accept & at_goal
