@@ -41,34 +41,15 @@ class EveryStep(AbstractDrift):
 
 
 @dataclass(frozen=True)
-class Held(AbstractDrift):
-    """The field's value at the start of the macro step; of order 1.
-
-    With `evaluations=1` this is a one-step model: a field whose value at tau = 0 is the mean velocity up to tau = 1.
-
-    Attributes:
-        evaluations: Field evaluations in all, one for each macro step.
-        power: Of `macro_grid`.
-    """
+class _AbstractHeld(AbstractDrift):
+    """One value, made at the start of the macro step and held along it."""
 
     evaluations: int
     power: float = MACRO_POWER
-    step_evaluations: ClassVar[int] = 1
-
-    def __post_init__(self) -> None:
-        check_settings(self.evaluations, self.power)
-
-    def macro_grid(self) -> Float[np.ndarray, " points"]:
-        """As many steps as evaluations."""
-        return macro_grid(self.evaluations, self.power)
 
     def init(self, z0: States) -> States:
         """Zero, which is never read."""
         return jnp.zeros_like(z0)
-
-    def step(self, field: Slope, state: States, interval: Interval, z: States) -> States:
-        """The field's value."""
-        return field(interval[0], z)
 
     def value(
         self, field: Slope, state: States, interval: Interval, tau: Scalar, z: States
@@ -82,7 +63,32 @@ class Held(AbstractDrift):
 
 
 @dataclass(frozen=True)
-class Midpoint(AbstractDrift):
+class Held(_AbstractHeld):
+    """The field's value at the start of the macro step; of order 1.
+
+    With `evaluations=1` this is a one-step model: a field whose value at tau = 0 is the mean velocity up to tau = 1.
+
+    Attributes:
+        evaluations: Field evaluations in all, one for each macro step.
+        power: Of `macro_grid`.
+    """
+
+    step_evaluations: ClassVar[int] = 1
+
+    def __post_init__(self) -> None:
+        check_settings(self.evaluations, self.power)
+
+    def macro_grid(self) -> Float[np.ndarray, " points"]:
+        """As many steps as evaluations."""
+        return macro_grid(self.evaluations, self.power)
+
+    def step(self, field: Slope, state: States, interval: Interval, z: States) -> States:
+        """The field's value."""
+        return field(interval[0], z)
+
+
+@dataclass(frozen=True)
+class Midpoint(_AbstractHeld):
     """The field's value in the middle of the macro step, at a state predicted without guidance; of order 2.
 
     Attributes:
@@ -90,8 +96,6 @@ class Midpoint(AbstractDrift):
         power: Of `macro_grid`.
     """
 
-    evaluations: int
-    power: float = MACRO_POWER
     step_evaluations: ClassVar[int] = 2
 
     def __post_init__(self) -> None:
@@ -105,25 +109,11 @@ class Midpoint(AbstractDrift):
         """Half as many steps as evaluations."""
         return macro_grid(self.evaluations // 2, self.power)
 
-    def init(self, z0: States) -> States:
-        """Zero, which is never read."""
-        return jnp.zeros_like(z0)
-
     def step(self, field: Slope, state: States, interval: Interval, z: States) -> States:
         """The field's value in the middle."""
         tau, end = interval
         half = (end - tau) / 2
         return field(tau + half, z + half * field(tau, z))
-
-    def value(
-        self, field: Slope, state: States, interval: Interval, tau: Scalar, z: States
-    ) -> States:
-        """The value held."""
-        return state
-
-    def field_evaluations(self, readings: Int[Array, "*samples"]) -> Int[Array, "*samples"]:
-        """Those of the macro steps."""
-        return jnp.full_like(readings, self.evaluations)
 
 
 EVERY_STEP = EveryStep()

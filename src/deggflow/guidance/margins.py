@@ -47,11 +47,17 @@ class AbstractMargins(eqx.Module):
     def violation(self, z: States, condition: Any, buffer: float) -> AgentValues:
         """V_j >= sum_k max(buffer - h_jk, 0)^2 / 2, and zero where that is zero; zero for absent agents."""
 
-    @abc.abstractmethod
     def violation_and_gradient(
         self, z: States, condition: Any, buffer: float
     ) -> tuple[AgentValues, States]:
         """V_j, and the gradient of their sum."""
+
+        def total(z: States) -> tuple[Scalar, Array]:
+            parts = self.violation(z, condition, buffer)
+            return jnp.sum(parts), parts
+
+        gradient, parts = jax.grad(total, has_aux=True)(z)
+        return parts, gradient
 
     @abc.abstractmethod
     def dependence(
@@ -119,18 +125,6 @@ class FunctionMargins(AbstractMargins):
     def violation(self, z: States, condition: Any, buffer: float) -> AgentValues:
         """V_j of each agent."""
         return jnp.sum(jnp.maximum(buffer - self(z, condition), 0.0) ** 2, axis=-1) / 2
-
-    def violation_and_gradient(
-        self, z: States, condition: Any, buffer: float
-    ) -> tuple[AgentValues, States]:
-        """By reverse mode."""
-
-        def total(z: States) -> tuple[Scalar, Array]:
-            parts = self.violation(z, condition, buffer)
-            return jnp.sum(parts), parts
-
-        gradient, parts = jax.grad(total, has_aux=True)(z)
-        return parts, gradient
 
     def dependence(self, z: States, condition: Any, buffer: float) -> Bool[Array, "owners agents"]:
         """By reverse mode, one pass for each owner: who can change V_j to first order, and j itself."""

@@ -6,20 +6,20 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from deggflow.guidance import MarginLabel, PrivateRequirement
-from deggflow.shapes import AgentValues, States
+from deggflow.shapes import States
 
 from . import exact
 from .layout import POINTS, Layout
-from .term import EPS, AbstractTerm, hinge, length, nearest_on_the_way
+from .term import EPS, AbstractPairTerm, hinge, length, nearest_on_the_way
 from .values import Value, check_positive, resolve
 
 Pairs = Float[Array, "pairs steps"]
 
 
-class Apart(AbstractTerm):
+class Apart(AbstractPairTerm):
     """Distances of every two agents less the sum of their radii, in m.
 
     Attributes:
@@ -71,15 +71,6 @@ class Apart(AbstractTerm):
         if self.mask is not None:
             values = jnp.where((self.mask[first] & self.mask[second])[:, None], values, 0.0)
         return values, np.abs(sign)
-
-    def hinges(self, z: States, condition: Any, buffer: float) -> AgentValues:
-        values, member = self._pairs(z, condition, buffer)
-        return jnp.asarray(member.T, z.dtype) @ jnp.sum(values, axis=1)
-
-    def active(self, z: States, condition: Any, buffer: float) -> Bool[Array, "owners agents"]:
-        values, member = self._pairs(z, condition, buffer)
-        together = jnp.asarray(member.T, z.dtype) * (jnp.sum(values, axis=1) > 0)[None]
-        return together @ jnp.asarray(member, z.dtype) > 0
 
     def label(self, column: int, columns: int, agents: Sequence[str]) -> MarginLabel:
         steps = self.layout.waypoints - self.layout.swept

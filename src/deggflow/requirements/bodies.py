@@ -5,21 +5,21 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from deggflow.guidance import MarginLabel, PrivateRequirement
-from deggflow.shapes import AgentValues, States
+from deggflow.shapes import States
 
 from . import convex, exact, polygon
 from .box import overlap
 from .layout import Layout
-from .term import AbstractTerm, hinge
+from .term import AbstractPairTerm, hinge
 from .values import Value, check_positive, is_constant, resolve
 
 Placed = Float[Array, "corners 2 ..."]
 
 
-class BodiesApart(AbstractTerm):
+class BodiesApart(AbstractPairTerm):
     """Distances of every two bodies, in m; of overlap, minus the least translation that parts them.
 
     Attributes:
@@ -63,15 +63,6 @@ class BodiesApart(AbstractTerm):
         if self.mask is not None:
             values = jnp.where((self.mask[first] & self.mask[second])[:, None], values, 0.0)
         return values, np.eye(len(z))[first] + np.eye(len(z))[second]
-
-    def hinges(self, z: States, condition: Any, buffer: float) -> AgentValues:
-        values, member = self._pairs(z, condition, buffer)
-        return jnp.asarray(member.T, z.dtype) @ jnp.sum(values, axis=1)
-
-    def active(self, z: States, condition: Any, buffer: float) -> Bool[Array, "owners agents"]:
-        values, member = self._pairs(z, condition, buffer)
-        together = jnp.asarray(member.T, z.dtype) * (jnp.sum(values, axis=1) > 0)[None]
-        return together @ jnp.asarray(member, z.dtype) > 0
 
     def label(self, column: int, columns: int, agents: Sequence[str]) -> MarginLabel:
         other, step = divmod(column, self.layout.waypoints)

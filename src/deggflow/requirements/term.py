@@ -7,10 +7,11 @@ from typing import Any, TypeVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from deggflow.guidance import AbstractNamedMargins
-from deggflow.shapes import AgentValues, Mask, Scalar, States
+from deggflow.shapes import AgentValues, Mask, States
 
 from .layout import POINTS, Layout
 
@@ -60,18 +61,6 @@ class AbstractTerm(AbstractNamedMargins):
         values = self.hinges(z, condition, buffer)
         return values if self.mask is None else jnp.where(self.mask, values, 0.0)
 
-    def violation_and_gradient(
-        self, z: States, condition: Any, buffer: float
-    ) -> tuple[AgentValues, States]:
-        """By reverse mode."""
-
-        def total(z: States) -> tuple[Scalar, AgentValues]:
-            parts = self.violation(z, condition, buffer)
-            return jnp.sum(parts), parts
-
-        gradient, parts = jax.grad(total, has_aux=True)(z)
-        return parts, gradient
-
     def dependence(self, z: States, condition: Any, buffer: float) -> Bool[Array, "owners agents"]:
         """Whose states each V_j depends on now."""
         own = jnp.eye(len(z), dtype=bool)
@@ -84,6 +73,25 @@ class AbstractOwnTerm(AbstractTerm):
 
     def active(self, z: States, condition: Any, buffer: float) -> None:
         return None
+
+
+class AbstractPairTerm(AbstractTerm):
+    """A term of pairs of agents: both own the margin of a pair, and each depends on those that are too close."""
+
+    @abc.abstractmethod
+    def _pairs(
+        self, z: States, condition: Any, buffer: float
+    ) -> tuple[Float[Array, "pairs steps"], Float[np.ndarray, "pairs agents"]]:
+        """Hinges of every pair, and ones at its two agents."""
+
+    def hinges(self, z: States, condition: Any, buffer: float) -> AgentValues:
+        values, member = self._pairs(z, condition, buffer)
+        return jnp.asarray(member.T, z.dtype) @ jnp.sum(values, axis=1)
+
+    def active(self, z: States, condition: Any, buffer: float) -> Bool[Array, "owners agents"]:
+        values, member = self._pairs(z, condition, buffer)
+        together = jnp.asarray(member.T, z.dtype) * (jnp.sum(values, axis=1) > 0)[None]
+        return together @ jnp.asarray(member, z.dtype) > 0
 
 
 def hinge(excess: Float[Array, "..."]) -> Float[Array, "..."]:
