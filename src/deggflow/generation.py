@@ -222,8 +222,8 @@ def _over_macro_steps(
 
 
 def _generation(tau: Float[Array, "... points"], end: SampleProgress) -> Generation:
-    summary, kept = as_accepted(end.summary, end.trace)
-    return Generation(end.z, summary, None if kept is None else Trace(tau, *kept), end.path)
+    summary, trace = as_accepted(end.summary, end.trace)
+    return Generation(end.z, summary, None if trace is None else Trace(tau, *trace), end.path)
 
 
 def completed(

@@ -65,9 +65,9 @@ def find_neighbours(
     if keep is not None:
         close &= keep(candidates)
     nearest, at = jax.lax.top_k(jnp.where(close, -square, -jnp.inf), slots)
-    crowded = jnp.any(runs.last - runs.first > slots) | jnp.any(jnp.sum(close, axis=1) > slots)
+    overflow = jnp.any(runs.last - runs.first > slots) | jnp.any(jnp.sum(close, axis=1) > slots)
     return Neighbours(
-        jnp.take_along_axis(candidates, at, axis=1), nearest > -jnp.inf, crowded | jnp.any(jnp.isnan(points))
+        jnp.take_along_axis(candidates, at, axis=1), nearest > -jnp.inf, overflow | jnp.any(jnp.isnan(points))
     )  # fmt: skip
 
 

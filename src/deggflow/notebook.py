@@ -160,8 +160,8 @@ def _picture(
     scale = (_SIDE - 2 * _EDGE) / max(float((high - low).max()), 1e-12)
 
     def place(at: Float[np.ndarray, "*some 2"]) -> Float[np.ndarray, "*some 2"]:
-        moved = (at - (low + high) / 2) * scale * [1.0, -1.0] + _SIDE / 2
-        return np.asarray(moved)
+        position = (at - (low + high) / 2) * scale * [1.0, -1.0] + _SIDE / 2
+        return np.asarray(position)
 
     parts = []
     if ways is not None:

@@ -33,10 +33,11 @@ def forget(row: Any) -> None:
     """Ignores a row: an `on_row` for files whose lines are only counted."""
 
 
-def check_written(path: Path | None) -> None:
+def check_written(*paths: Path | None) -> None:
     """Raises `InputError` if a file that was just said to hold results is gone."""
-    if path is not None and not path.exists():
-        raise InputError("was removed while it was being written", file=path)
+    for path in paths:
+        if path is not None and not path.exists():
+            raise InputError("was removed while it was being written", file=path)
 
 
 class ResumableOutput:

@@ -1,6 +1,7 @@
 """The command line as a user runs it: processes, exit codes, files."""
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from deggflow.tasks.tabletop.formats import read_scenes
 from deggflow.tasks.tabletop.oracle import refutes
@@ -391,6 +393,30 @@ def test_data_and_training_from_the_command_line(inside, tmp_path):
     refused = inside(*more, "--width", 8, *small)
     assert refused.returncode == 2
     assert "run/config.json: must be a JSON object; got []" in refused.stderr
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("data", "--out", "o", "--training", 4, "--validation", 2),
+        ("generate", "--size", 4, "--guidance", "none", "--out", "o/a.jsonl"),
+    ],
+)
+def test_a_folder_removed_as_the_last_line_is_printed_is_noticed(
+    inside, tmp_path, monkeypatch, arguments
+):
+    """Between the last look at the files and the line that names them, anything may happen."""
+    printed = Console.print
+
+    def remove(console, *objects, **settings):
+        if " in o" in str(objects):
+            shutil.rmtree(tmp_path / "o")
+        printed(console, *objects, **settings)
+
+    monkeypatch.setattr(Console, "print", remove)
+    ended = inside("tabletop", *arguments)
+    assert ended.returncode == 2
+    assert "was removed while it was being written" in ended.stderr
 
 
 def test_baselines_are_compared_and_unknown_ones_refused(inside, tmp_path):

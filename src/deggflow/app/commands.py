@@ -62,6 +62,7 @@ def _data(entry: AbstractEntry) -> Callable[..., int]:
             options: Which demonstrations to make.
         """
         prepare_jax()
+        from deggflow.output import check_written
         from deggflow.task import write_data
 
         model = entry.load_task().model
@@ -74,6 +75,7 @@ def _data(entry: AbstractEntry) -> Callable[..., int]:
         for line in model.describe(out):
             console().print(line)
         console().print(f"Training and validation {model.noun} are in {out}.")
+        check_written(out / "training.jsonl", out / "validation.jsonl")
         return SATISFIED
 
     return data
@@ -89,6 +91,7 @@ def _train(entry: AbstractEntry) -> Callable[..., int]:
             options: How to train.
         """
         prepare_jax()
+        from deggflow.output import check_written
         from deggflow.task import train_field
         from deggflow.train import TrainingConfig
 
@@ -109,6 +112,7 @@ def _train(entry: AbstractEntry) -> Callable[..., int]:
                 commands=remake(entry.name, entry.load_options().data, sizes),
             )  # fmt: skip
         console().print(f"Weights, card and curves are in {out}.")
+        check_written(out / "field.safetensors", out / "field.json", out / "curves.csv")
         return SATISFIED
 
     return train

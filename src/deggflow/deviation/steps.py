@@ -90,6 +90,6 @@ def step_bound(
     if uniform:
         stretch = np.broadcast_to(np.max(stretch, axis=0), stretch.shape)
     bound = length[:, 0]
-    for factor, added in zip(stretch.T, rest.T, strict=True):
-        bound = factor * bound + added
+    for factor, summand in zip(stretch.T, rest.T, strict=True):
+        bound = factor * bound + summand
     return np.asarray(bound)

@@ -109,12 +109,12 @@ def _choose(
     worst = jnp.argmax(violation)
     largest = jnp.max(distance, initial=0.0)  # the solution is no shorter
     size = largest + jnp.sqrt(jnp.sum(state.v**2)) + jnp.abs(distance[worst])
-    met = violation[worst] <= tolerance * size
+    converged = violation[worst] <= tolerance * size
     new = state.entering < 0
     return state._replace(
-        entering=jnp.where(new & ~met, worst, state.entering),
+        entering=jnp.where(new & ~converged, worst, state.entering),
         entering_multiplier=jnp.where(new, 0.0, state.entering_multiplier),
-        done=state.done | (new & met),
+        done=state.done | (new & converged),
     )
 
 
@@ -177,9 +177,9 @@ def project_origin(
     tolerance = 4 * float(jnp.finfo(unit.dtype).eps)
 
     def body(state: _State) -> _State:
-        chosen = _choose(state, unit, distance, tolerance)
-        stepped = _step(chosen, unit, distance, parallel)
-        return jax.tree.map(lambda a, b: jnp.where(chosen.done, a, b), chosen, stepped)
+        choice = _choose(state, unit, distance, tolerance)
+        after = _step(choice, unit, distance, parallel)
+        return jax.tree.map(lambda a, b: jnp.where(choice.done, a, b), choice, after)
 
     start = _State(
         jnp.zeros_like(unit[0]),

@@ -100,14 +100,14 @@ def check_metric(metric: Any, inputs: int | None = None) -> None:
             )
         # Inputs may have different units: each is measured by its own entry on the diagonal.
         unit = np.sqrt(diagonal)
-        scaled = matrix / unit / unit[:, None]
-        apart = np.abs(scaled - scaled.T)
+        unit_diagonal = matrix / unit / unit[:, None]
+        apart = np.abs(unit_diagonal - unit_diagonal.T)
         if apart.max() > ASYMMETRY:
             j, k = np.unravel_index(apart.argmax(), apart.shape)
             raise ValueError(
                 f"{whose} must be symmetric; got {matrix[j, k]:g} at ({j}, {k}) and {matrix[k, j]:g} at ({k}, {j})."
             )
-        if not np.linalg.eigvalsh(scaled + scaled.T)[0] / 2 > len(matrix) * precision:
+        if not np.linalg.eigvalsh(unit_diagonal + unit_diagonal.T)[0] / 2 > len(matrix) * precision:
             least = np.linalg.eigvalsh(matrix + matrix.T)[0] / 2
             raise ValueError(
                 f"{whose} must be positive definite; got a matrix whose least eigenvalue is {least:g}."

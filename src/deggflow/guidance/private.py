@@ -178,11 +178,11 @@ class PrivateRequirement(AbstractRequirement):
 
     def _decayed(self, state: PrivateState, tau: Scalar, kappa: float) -> Scalar:
         whole, rest = self.omega.remaining(state.since), self.omega.remaining(tau)
-        left = jnp.where(whole > 0, rest / jnp.where(whole > 0, whole, 1.0), 0.0)
+        fraction = jnp.where(whole > 0, rest / jnp.where(whole > 0, whole, 1.0), 0.0)
         if self.reanchored:
-            return state.anchor * left ** (kappa / (1 - self.rho))
+            return state.anchor * fraction ** (kappa / (1 - self.rho))
         # Of V(0)^(1 - rho), linear in the integral of omega.
-        return state.anchor * jnp.maximum(1 - kappa * (1 - left), 0.0) ** (1 / (1 - self.rho))
+        return state.anchor * jnp.maximum(1 - kappa * (1 - fraction), 0.0) ** (1 / (1 - self.rho))
 
     def values(self, tau: Scalar, z: States, condition: Any, mask: Mask = None) -> RowValues:
         return self.violation(z, condition, mask)[None]

@@ -215,13 +215,13 @@ def _in_metric(
 ) -> _Problem:
     """In v the metric is the identity, and a row reads (L^-1 ell) . v + b <= 0."""
     root = None if metric is None else factor(metric)
-    mapped = rows if root is None else below(root, rows)
-    length = jnp.sqrt(square(mapped))
+    whitened = rows if root is None else below(root, rows)
+    length = jnp.sqrt(square(whitened))
     length = jnp.where(length > 0, length, 1.0)
     most = jnp.max(offset / length)
     size = jnp.where(most > 0, most, 1.0)
     offset = length * _near(offset / (length * size))
-    return _Problem(rows, offset, mapped / length[:, None], length, root, size)
+    return _Problem(rows, offset, whitened / length[:, None], length, root, size)
 
 
 _Passes = tuple[Array, Array, Array, Array, Array]  # u, feasible, lack, rounding, passes

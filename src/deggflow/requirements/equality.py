@@ -138,5 +138,5 @@ def solve(
     with jax.enable_x64(True):
         start = np.asarray(z, np.float64)
         end, residual = jax.tree.map(np.asarray, jax.jit(jax.vmap(one))(start))
-    moved = np.linalg.norm(end - start, axis=-1).max(axis=-1)
-    return Solution(end, residual, moved)
+    distance = np.linalg.norm(end - start, axis=-1).max(axis=-1)
+    return Solution(end, residual, distance)

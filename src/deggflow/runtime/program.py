@@ -155,7 +155,7 @@ class TeamProgram:
         stops: Float[Array | np.ndarray, " agents"],
     ) -> Assessment:
         """What one agent finds at the proposed point, from all states and its own drift."""
-        number, seen = jnp.asarray(agent), []
+        number, assessments = jnp.asarray(agent), []
 
         def velocity(state: Any, step: Int[Array, ""], tau: Scalar, z: States) -> Any:
             step = jnp.minimum(step, len(start.grid) - 2)
@@ -170,11 +170,11 @@ class TeamProgram:
             drifts = jnp.broadcast_to(others, z.shape).at[agent].set(own)
             report = report_of(alone.rows, u.astype(z.dtype), feasible, drifts)
             slope = drifts.at[agent].set(own + alone.correction)
-            seen.append((report, slope, state))
+            assessments.append((report, slope, state))
             return state, slope, report
 
         alone = self._steps(start).advance(velocity, self.guidance.on_forced_step, start.mask, at)
-        report, slope, state = seen[0]
+        report, slope, state = assessments[0]
         return Assessment(report, slope, state, alone.proposed_tau, alone.proposed_z[agent])
 
     def _settle(

@@ -50,14 +50,14 @@ class TabletopDesk(AbstractDesk):
     """Answers pages on the tabletop task. Compiled programs are shared by all pages, and nothing else."""
 
     def __init__(self, load_field: Callable[[], Field]) -> None:
-        """Args: load_field: called once, when the first scene is asked for."""
+        """Args: load_field: called once, when the first scene is requested."""
         self._load_field = load_field
         self._loaded: tuple[TabletopGenerator, TabletopGenerator] | None = None
         # One at a time: two threads would compile the same program twice.
         self._loading, self._generating, self._replaying = Lock(), Lock(), Lock()
         self._nominal = lru_cache(maxsize=32)(self._nominal_poses)
         self._answers: dict[str, tuple[type[Any], Callable[..., dict[str, Any]]]] = {
-            "library": (Nothing, lambda asked, check: library()),
+            "library": (Nothing, lambda request, check: library()),
             "generate": (Generate, self._generate),
             "replay": (Replay, self._replay),
             "judge": (Judge, self._judge),
@@ -85,15 +85,15 @@ class TabletopDesk(AbstractDesk):
     def warm_up(self) -> None:
         """Compiles what the first page asks for, before it does."""
         condition = random_conditions(8, 1, "changed", 0)[0]
-        asked = Generate(condition.to_json(), 0, MAX_DRAWS, None)
-        scene = json.loads(self._generate(asked, lambda: None)["line"])
+        request = Generate(condition.to_json(), 0, MAX_DRAWS, None)
+        scene = json.loads(self._generate(request, lambda: None)["line"])
         poses = [[item["x"], item["y"], item["theta"]] for item in scene["objects"]]
         self._replay(Replay(condition.to_json(), 0, 0, poses), lambda: None)
 
-    def _generate(self, asked: Generate, check: Callable[[], None]) -> dict[str, Any]:
-        condition = studio_condition(asked.condition)
-        seed = expect_integer(asked.seed, "seed", 0, MAX_SEED)
-        max_draws = expect_integer(asked.max_draws, "max_draws", 1, MAX_DRAWS)
+    def _generate(self, request: Generate, check: Callable[[], None]) -> dict[str, Any]:
+        condition = studio_condition(request.condition)
+        seed = expect_integer(request.seed, "seed", 0, MAX_SEED)
+        max_draws = expect_integer(request.max_draws, "max_draws", 1, MAX_DRAWS)
         drawn: list[Scene] = []
 
         def on_draw(number: int, scene: Scene) -> None:
@@ -102,13 +102,13 @@ class TabletopDesk(AbstractDesk):
 
         with self._generating:
             guided = self._generators()[1]
-            if asked.draw is None:
+            if request.draw is None:
                 (scene,) = guided.scenes(
                     [condition], seed=seed, max_draws=max_draws, keep_trace=True, on_draw=on_draw
                 )
                 draw = next(k for k, each in enumerate(drawn) if each.poses is scene.poses)
             else:
-                draw = expect_integer(asked.draw, "draw", 0, MAX_DRAWS - 1)
+                draw = expect_integer(request.draw, "draw", 0, MAX_DRAWS - 1)
                 batch = guided.batch(_noise(seed, draw), [condition], keep_trace=True)
                 scene = with_draws(judged(batch, [condition], seed)[0].sample, draw + 1)
             nominal = self._nominal(condition.objects, condition.width, condition.depth, seed, draw)
@@ -122,7 +122,7 @@ class TabletopDesk(AbstractDesk):
                 "poses": rounded(nominal),
                 "judgement": judgement(condition, nominal, breaches_only=True),
             },
-            "command": None if asked.draw is not None else command(scene, max_draws),
+            "command": None if request.draw is not None else command(scene, max_draws),
         }
 
     def _nominal_poses(
@@ -133,11 +133,11 @@ class TabletopDesk(AbstractDesk):
         batch = self._generators()[0].batch(_noise(seed, draw), [condition])
         return judge_generated([condition], batch.poses).poses[0]
 
-    def _replay(self, asked: Replay, check: Callable[[], None]) -> dict[str, Any]:
-        condition = studio_condition(asked.condition)
-        poses = parse_poses(asked.poses, condition)
-        seed = expect_integer(asked.seed, "seed", 0, MAX_SEED)
-        draw = expect_integer(asked.draw, "draw", 0, MAX_DRAWS - 1)
+    def _replay(self, request: Replay, check: Callable[[], None]) -> dict[str, Any]:
+        condition = studio_condition(request.condition)
+        poses = parse_poses(request.poses, condition)
+        seed = expect_integer(request.seed, "seed", 0, MAX_SEED)
+        draw = expect_integer(request.draw, "draw", 0, MAX_DRAWS - 1)
         nominal, guided = self._generators()
         z0, paths = _noise(seed, draw)[0], {}
         with self._replaying:
@@ -154,49 +154,49 @@ class TabletopDesk(AbstractDesk):
             **{name: [rounded(each) for each in path] for name, path in paths.items()},
         }
 
-    def _judge(self, asked: Judge, check: Callable[[], None]) -> dict[str, Any]:
-        condition = studio_condition(asked.condition)
-        return judgement(condition, parse_poses(asked.poses, condition))
+    def _judge(self, request: Judge, check: Callable[[], None]) -> dict[str, Any]:
+        condition = studio_condition(request.condition)
+        return judgement(condition, parse_poses(request.poses, condition))
 
-    def _line(self, asked: Claim, check: Callable[[], None]) -> dict[str, Any]:
-        condition = studio_condition(asked.condition)
-        poses = parse_poses(asked.poses, condition)
-        seed = expect_integer(asked.seed, "seed", 0, MAX_SEED)
+    def _line(self, request: Claim, check: Callable[[], None]) -> dict[str, Any]:
+        condition = studio_condition(request.condition)
+        poses = parse_poses(request.poses, condition)
+        seed = expect_integer(request.seed, "seed", 0, MAX_SEED)
         verdict = judge([condition], [poses])[0]
         reason = verdict.reason(condition.objects)
         claim = Certificate(verdict.satisfied, verdict.min_margin, verdict.violation, 1, reason)
         return written(Scene(condition, poses, claim, seed))
 
-    def _draw(self, asked: Draw, check: Callable[[], None]) -> dict[str, Any]:
-        if asked.family not in FAMILIES:
+    def _draw(self, request: Draw, check: Callable[[], None]) -> dict[str, Any]:
+        if request.family not in FAMILIES:
             raise InputError(f"must be one of {', '.join(FAMILIES)}", field="family")
-        size = expect_integer(asked.size, "size", 1, MAX_OBJECTS)
-        seed = expect_integer(asked.seed, "seed", 0, MAX_SEED)
-        (condition,) = random_conditions(size, 1, asked.family, seed)
+        size = expect_integer(request.size, "size", 1, MAX_OBJECTS)
+        seed = expect_integer(request.seed, "seed", 0, MAX_SEED)
+        (condition,) = random_conditions(size, 1, request.family, seed)
         return {"condition": condition.to_json()}
 
-    def _open(self, asked: Open, check: Callable[[], None]) -> dict[str, Any]:
+    def _open(self, request: Open, check: Callable[[], None]) -> dict[str, Any]:
         def parse(value: Any) -> dict[str, Any]:
             check()
             if isinstance(value, dict) and "condition" in value:
                 return written(parse_scene(_shown(value, "condition.")))
             return {"condition": _shown(value)}
 
-        content = BytesIO(asked.text.encode("utf-8", "surrogatepass"))
-        rows = parse_lines(content, asked.name, parse, "tabletop condition or scene")
+        content = BytesIO(request.text.encode("utf-8", "surrogatepass"))
+        rows = parse_lines(content, request.name, parse, "tabletop condition or scene")
         if len(rows) > MAX_SCENES:
             raise InputError(
-                f"has {len(rows)} lines; the studio opens at most {MAX_SCENES}", file=asked.name
+                f"has {len(rows)} lines; the studio opens at most {MAX_SCENES}", file=request.name
             )
         return {"rows": rows}
 
-    def _export(self, asked: Write, check: Callable[[], None]) -> dict[str, Any]:
-        if asked.kind not in EXPORTS:
+    def _export(self, request: Write, check: Callable[[], None]) -> dict[str, Any]:
+        if request.kind not in EXPORTS:
             raise InputError(f"must be one of {', '.join(EXPORTS)}", field="kind")
-        condition = studio_condition(asked.condition)
-        made: Export = EXPORTS[asked.kind](condition, parse_poses(asked.poses, condition))
-        content = base64.b64encode(made.content).decode()
-        return {"name": made.name, "type": made.type, "content": content}
+        condition = studio_condition(request.condition)
+        export: Export = EXPORTS[request.kind](condition, parse_poses(request.poses, condition))
+        content = base64.b64encode(export.content).decode()
+        return {"name": export.name, "type": export.type, "content": content}
 
 
 def _noise(seed: int, draw: int) -> Any:

@@ -71,13 +71,13 @@ def draw_standing(panels: Sequence[StandingPanel], *, unit: str) -> Figure:
 def _draw(axes: Axes, panel: StandingPanel) -> None:
     axes.axvspan(1e-9, panel.lower, color=GREY, alpha=0.28, linewidth=0, label="impossible")
     axes.axvspan(panel.lower, panel.nearest, color=GREY, alpha=0.12, linewidth=0, label="not known")
-    seen = [panel.lower, panel.nearest]
+    points = [panel.lower, panel.nearest]
     for row, method in enumerate(panel.methods):
         if method.deviation is None or method.deviation <= 0:
             continue
-        seen.append(method.deviation)
+        points.append(method.deviation)
         if method.upper is not None:
-            seen.append(method.upper)
+            points.append(method.upper)
             axes.plot([method.deviation, method.upper], [row] * 2, color=BOUND, linewidth=0.7)
             axes.plot(method.upper, row, "|", color=BOUND, markersize=5.5)
         face = method.colour if method.complete else "white"
@@ -87,7 +87,7 @@ def _draw(axes: Axes, panel: StandingPanel) -> None:
     for label, face in (("every sample satisfies", BOUND), ("some samples fail", "white")):
         axes.plot([], [], "o", color=BOUND, markerfacecolor=face, markersize=4.2, label=label)
     axes.plot([], [], "|", color=BOUND, markersize=5.5, label="upper bound")
-    axes.set(xscale="log", xlim=(panel.lower / 1.5, max(seen) * 1.3), title=panel.title)
+    axes.set(xscale="log", xlim=(panel.lower / 1.5, max(points) * 1.3), title=panel.title)
     axes.xaxis.set_major_locator(FixedLocator(_TICKS))
     axes.xaxis.set_major_formatter("{x:g}")
     axes.xaxis.set_minor_formatter(NullFormatter())

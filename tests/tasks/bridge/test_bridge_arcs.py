@@ -1,11 +1,11 @@
-"""Between the poses that are looked at, however fast: the whole arc counts, by the verdict and by the replay."""
+"""Between the poses that are examined, however fast: the whole arc counts, by the verdict and by the replay."""
 
 import math
 
 import numpy as np
 import pytest
 
-from deggflow.tasks.bridge.oracle import TOLERANCE, judge, look, refutation, replay
+from deggflow.tasks.bridge.oracle import TOLERANCE, judge, refine_replay, refutation, replay
 from deggflow.tasks.bridge.verdict import execute, integrate, margins, move
 from deggflow.tasks.bridge.world import DT
 
@@ -78,8 +78,8 @@ def test_a_gap_that_is_jumped_over_between_two_poses_is_entered():
     assert execute(start, twist, contacts).reason == "robot 1 enters the gap"
     value = trial(start, twist)
     value["condition"]["contacts"] = [list(r) for r in contacts]
-    looked = look(value, replay(value)).motion
-    assert looked.gap.min() == pytest.approx(-0.16, abs=1e-6)  # inside: only its sign counts
+    observation = refine_replay(value, replay(value)).motion
+    assert observation.gap.min() == pytest.approx(-0.16, abs=1e-6)  # inside: only its sign counts
 
 
 def random_motions(count):
@@ -106,8 +106,8 @@ def test_the_replay_decides_to_a_few_hundredths_of_a_micrometre(off):
     """A plank that spins beside the workspace's side, once just inside and once just over it."""
     y = 3 - math.hypot(2.9, 0.36) - off
     value = trial((-3.9, y, 0.3), [[0.0, 0.0, 71.0]])
-    looked = look(value, replay(value)).motion
-    assert (looked.least.min() >= -TOLERANCE) == (off > 0)
+    observation = refine_replay(value, replay(value)).motion
+    assert (observation.least.min() >= -TOLERANCE) == (off > 0)
     verdict = execute(np.array([-3.9, y, 0.3]), np.array(value["twists"]), CONTACTS)
     assert (verdict.reason is None) == (off > 0)
     assert verdict.margin == pytest.approx(off, abs=1e-12)
@@ -116,6 +116,6 @@ def test_the_replay_decides_to_a_few_hundredths_of_a_micrometre(off):
 def test_ordinary_motion_is_looked_at_nowhere_else():
     """What it costs: nothing where nothing is close."""
     value = trial((-3.2, 0.0, 0.05), [[0.4, 0.02, 0.1]] * 8)
-    looked = look(value, replay(value))
-    assert len(looked.action) == 1 + 8 * 8
-    np.testing.assert_array_equal(looked.ends, np.arange(0, 65, 8))
+    observation = refine_replay(value, replay(value))
+    assert len(observation.action) == 1 + 8 * 8
+    np.testing.assert_array_equal(observation.ends, np.arange(0, 65, 8))

@@ -128,8 +128,8 @@ def _uppers(row: CaseDeviations) -> Float[np.ndarray, " cases"]:
 
 def _rms(squares: Float[np.ndarray, " cases"]) -> float:
     """Over the cases that have a value; NaN if none has."""
-    known = squares[np.isfinite(squares)]
-    return float(np.sqrt(np.mean(known))) if len(known) else float("nan")
+    finite = squares[np.isfinite(squares)]
+    return float(np.sqrt(np.mean(finite))) if len(finite) else float("nan")
 
 
 def _contradictions(row: CaseDeviations, lower: CaseDeviations) -> list[str]:

@@ -109,15 +109,15 @@ class _PolicyRollout:
         failure = self.rollout.failure
         if failure is None and not bridged:
             failure = f"not bridged after {MAX_POLICIES} policies"
-        done = [record for record in self.records if record.accepted]
-        broken = sum(not record.met for record in done)
+        accepted = [record for record in self.records if record.accepted]
+        broken = sum(not record.met for record in accepted)
         reason = failure
         if reason is None and broken:
-            reason = f"{broken} of {len(done)} executed policies missed a bound"
+            reason = f"{broken} of {len(accepted)} executed policies missed a bound"
         certificate = TrialCertificate(
             satisfied=reason is None,
             min_margin=verdict.margin,
-            violation=max((record.excess for record in done), default=0.0),
+            violation=max((record.excess for record in accepted), default=0.0),
             draws=max((record.draws for record in self.records), default=1),
             reason=reason,
             policies=tuple(self.records),
@@ -223,7 +223,7 @@ class BridgeGenerator:
         rest = np.zeros(3), np.zeros((HORIZON, 3))
         runs = [_PolicyRollout(Start(each, *rest), first + k) for k, each in enumerate(conditions)]
         agents = padded_robots(max((len(c.contacts) for c in conditions), default=0))
-        given = 0
+        count = 0
         for policy in range(MAX_POLICIES):
             under_way = [run for run in runs if not run.rollout.over]
             if not under_way:
@@ -231,12 +231,12 @@ class BridgeGenerator:
             condition = _stack(under_way, agents)
             on_round(Round(policy, tuple(run.number for run in under_way), condition))
             self._advance(under_way, condition, seed, policy, max_draws)
-            over = list(takewhile(lambda run: run.rollout.over, runs[given:]))
-            given += len(over)
+            over = list(takewhile(lambda run: run.rollout.over, runs[count:]))
+            count += len(over)
             if over:
                 yield [run.finish(seed, self.speed_limit) for run in over]
-        if runs[given:]:
-            yield [run.finish(seed, self.speed_limit) for run in runs[given:]]
+        if runs[count:]:
+            yield [run.finish(seed, self.speed_limit) for run in runs[count:]]
 
     def single(
         self, starts: Sequence[Start], *, seed: int = 0, max_draws: int = MAX_DRAWS
@@ -276,11 +276,12 @@ class BridgeGenerator:
     ) -> None:
         def attempt(pending: Sequence[int], number: int) -> list[Candidate[_Refusal | None]]:
             numbers = np.array([runs[k].number for k in pending])
-            drawn = self.of_draw(number + 1).batch(
+            policies = self.of_draw(number + 1).batch(
                 initial_noise(seed, numbers, policy, number), take(condition, np.array(pending))
             )
             refusals = [
-                self._try(runs[k], drawn, row, number + 1, policy) for row, k in enumerate(pending)
+                self._try(runs[k], policies, row, number + 1, policy)
+                for row, k in enumerate(pending)
             ]
             return [
                 Candidate(each, each is None, 0.0 if each is None else -each.record.excess)
@@ -288,35 +289,39 @@ class BridgeGenerator:
             ]
 
         limit = max_draws if self.guided else 1
-        for run, tried in zip(runs, redraw_until_satisfied(attempt, len(runs), limit), strict=True):
-            if tried.sample is not None:
-                run.stop(replace(tried.sample.record, draws=tried.draws), tried.sample.reason)
+        for run, candidate in zip(
+            runs, redraw_until_satisfied(attempt, len(runs), limit), strict=True
+        ):
+            if candidate.sample is not None:
+                run.stop(
+                    replace(candidate.sample.record, draws=candidate.draws), candidate.sample.reason
+                )
 
     def _try(
-        self, run: _PolicyRollout, drawn: Policies, row: int, draws: int, policy: int
+        self, run: _PolicyRollout, policies: Policies, row: int, draws: int, policy: int
     ) -> _Refusal | None:
         """Executes a policy, or returns why it is refused."""
-        plan = drawn.twists[row]
-        made = drawn.record(row, len(run.condition.contacts))
+        plan = policies.twists[row]
+        made = policies.record(row, len(run.condition.contacts))
         if has_diverged(plan, MAX_SPEED):
-            bound = float(drawn.bound[row])
+            bound = float(policies.bound[row])
             record = PolicyRecord(_DIVERGED, bound, _DIVERGED, draws, False, generation=made)
             run.first_met = bool(run.first_met)
             return _Refusal(record, f"policy {policy + 1}: the generation diverged")
         record = PolicyRecord(
-            float(drawn.q_task[row]),
-            float(drawn.bound[row]),
-            float(drawn.q_safe[row]),
+            float(policies.q_task[row]),
+            float(policies.bound[row]),
+            float(policies.q_safe[row]),
             draws,
             True,
-            float(drawn.speed[row].max()),
+            float(policies.speed[row].max()),
             made,
         )
         run.first_met = record.met if run.first_met is None else run.first_met
         verdict = execute(run.rollout.pose, plan[:EXECUTED], run.condition.contacts)
         too_fast = self.speed_limit is not None and record.speed > self.speed_limit
         if self.guided and (not record.met or verdict.reason is not None or too_fast):
-            reason = _refusal(run, drawn, row, verdict, policy, self.speed_limit)
+            reason = _refusal(run, policies, row, verdict, policy, self.speed_limit)
             return _Refusal(replace(record, accepted=False), reason)
         run.carry_out(plan, verdict, record)
         return None
@@ -324,27 +329,29 @@ class BridgeGenerator:
 
 def _refusal(
     run: _PolicyRollout,
-    drawn: Policies,
+    policies: Policies,
     row: int,
     verdict: Verdict,
     policy: int,
     speed_limit: float | None,
 ) -> str:
     """Which factor is missed, which robots could not meet their rows, and what stands in the way."""
-    missed = []
-    if drawn.q_task[row] > drawn.bound[row]:
-        missed.append(f"q_task misses its bound by {drawn.q_task[row] - drawn.bound[row]:.3g}")
-    if drawn.q_safe[row] > 0:
-        missed.append(f"q_safe misses its bound by {drawn.q_safe[row]:.3g}")
+    reasons = []
+    if policies.q_task[row] > policies.bound[row]:
+        reasons.append(
+            f"q_task misses its bound by {policies.q_task[row] - policies.bound[row]:.3g}"
+        )
+    if policies.q_safe[row] > 0:
+        reasons.append(f"q_safe misses its bound by {policies.q_safe[row]:.3g}")
     if verdict.reason is not None:
-        missed.append(f"on the way {verdict.reason}")
-    speed = drawn.speed[row]
+        reasons.append(f"on the way {verdict.reason}")
+    speed = policies.speed[row]
     if speed_limit is not None and speed.max() > speed_limit:
         fastest = int(speed.argmax())
-        missed.append(f"robot {fastest + 1} would move at {speed[fastest]:.3f} m/s")
-    robots = ", ".join(str(k + 1) for k in np.flatnonzero(drawn.infeasible(row)))
-    text = f"blocked at policy {policy + 1}: {' and '.join(missed)}"
-    input_norm = drawn.summary.largest_input_norm[row][: len(run.condition.contacts)]
+        reasons.append(f"robot {fastest + 1} would move at {speed[fastest]:.3f} m/s")
+    robots = ", ".join(str(k + 1) for k in np.flatnonzero(policies.infeasible(row)))
+    text = f"blocked at policy {policy + 1}: {' and '.join(reasons)}"
+    input_norm = policies.summary.largest_input_norm[row][: len(run.condition.contacts)]
     if robots:
         text += f"; no input of robot {robots} met its rows"
     else:

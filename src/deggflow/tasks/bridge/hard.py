@@ -14,7 +14,7 @@ from .condition import TrialCondition
 from .factors import PLANK_BUFFER, ROBOT_BUFFER
 from .field import BridgeField
 from .generator import BridgeGenerator, Start
-from .oracle import TOLERANCE, look, replay
+from .oracle import TOLERANCE, refine_replay, replay
 from .requirements import bridge_guidance
 from .scenes import random_condition
 from .verdict import bridges, margins
@@ -118,7 +118,7 @@ def evaluate_hard(
 
 def _broken(condition: TrialCondition, twists: Float[np.ndarray, "actions 3"]) -> bool:
     value = {"condition": condition.to_json(), "dt": DT, "twists": twists.tolist()}
-    return not look(value, replay(value)).motion.least.min() >= -TOLERANCE
+    return not refine_replay(value, replay(value)).motion.least.min() >= -TOLERANCE
 
 
 def _kind(reason: str) -> str:

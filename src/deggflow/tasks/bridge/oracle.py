@@ -84,8 +84,8 @@ class Motion(NamedTuple):
 
 def _placed(moves: Moves, points: Float[np.ndarray, "points 2"]) -> np.ndarray:
     """Points of the plank, as every move leaves them."""
-    raised = np.column_stack([points, np.ones(len(points))])
-    return np.einsum("mij,pj->mpi", moves, raised)[..., :2]
+    homogeneous = np.column_stack([points, np.ones(len(points))])
+    return np.einsum("mij,pj->mpi", moves, homogeneous)[..., :2]
 
 
 def _generators(twists: Float[np.ndarray, "actions 3"]) -> Moves:
@@ -152,7 +152,7 @@ def judge(value: Mapping[str, Any], moves: Moves) -> Motion:
     )
 
 
-class Looked(NamedTuple):
+class RefinedReplay(NamedTuple):
     """A replay in order of time, refined where a failure between two poses is possible."""
 
     motion: Motion
@@ -182,7 +182,7 @@ def _may_fail(times: _Between, dip: Float[np.ndarray, " times"]) -> Bool[np.ndar
     return np.asarray((holds & (low < -FLOOR)).any(-1))
 
 
-def look(value: Mapping[str, Any], moves: Moves) -> Looked:
+def refine_replay(value: Mapping[str, Any], moves: Moves) -> RefinedReplay:
     """Margins of a replay at its poses and at all times where a failure is possible.
 
     Args:
@@ -216,7 +216,7 @@ def look(value: Mapping[str, Any], moves: Moves) -> Looked:
     part, when = (np.concatenate(each) for each in tuple(zip(*samples, strict=True))[:2])
     order = np.lexsort((when, part))
     motion = _joined([each[2] for each in samples]).at(order)
-    return Looked(motion, part[order] // PARTS + 1)
+    return RefinedReplay(motion, part[order] // PARTS + 1)
 
 
 def _joined(motions: Sequence[Motion]) -> Motion:
@@ -279,9 +279,9 @@ def _poses_differ(value: Mapping[str, Any], moves: Moves) -> str | None:
     return f"pose {np.argmax(wrong)} is not where the twists lead" if wrong.any() else None
 
 
-def _goes_on(looked: Looked) -> str | None:
+def _goes_on(observation: RefinedReplay) -> str | None:
     """The event that should have ended the trial before its last action, if any."""
-    motion, ends = looked.motion, looked.ends[:-1]
+    motion, ends = observation.motion, observation.ends[:-1]
     for what, over in (
         ("the gap is bridged", motion.bridges(TOLERANCE)[ends]),
         ("something fails", np.logical_or.accumulate(motion.least < -TOLERANCE)[ends]),
@@ -291,13 +291,13 @@ def _goes_on(looked: Looked) -> str | None:
     return None
 
 
-def _blamed(looked: Looked, reason: str) -> str | None:
+def _blamed(observation: RefinedReplay, reason: str) -> str | None:
     """How the stated reason for a failure is wrong, if it is."""
-    blame, motion = _BLAMED.fullmatch(reason), looked.motion
+    blame, motion = _BLAMED.fullmatch(reason), observation.motion
     worst = motion.least.min()
     if blame is None:
         return "something fails that is not told" if worst < -TOLERANCE else None
-    last = looked.action == (0 if blame["start"] else looked.action[-1])
+    last = observation.action == (0 if blame["start"] else observation.action[-1])
     if blame["plank"]:
         clearance = motion.plank if blame["plank"].startswith("leaves") else motion.support.max(-1)
     else:
@@ -341,9 +341,9 @@ def refutation(value: Mapping[str, Any]) -> str | None:
     wrong = _poses_differ(value, moves)
     if wrong is not None:
         return wrong
-    looked = look(value, moves)
-    motion = looked.motion
-    wrong = _goes_on(looked)
+    observation = refine_replay(value, moves)
+    motion = observation.motion
+    wrong = _goes_on(observation)
     if wrong is not None:
         return wrong
     success_possible = bool(motion.bridges(-TOLERANCE)[-1] and motion.least.min() >= -TOLERANCE)
@@ -353,5 +353,5 @@ def refutation(value: Mapping[str, Any]) -> str | None:
         return "the plank does not bridge the gap unharmed"
     if not success and success_certain:
         return "the plank bridges the gap unharmed"
-    wrong = None if success else _blamed(looked, reason)
+    wrong = None if success else _blamed(observation, reason)
     return _certificate(value, motion) if wrong is None else wrong

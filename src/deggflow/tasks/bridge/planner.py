@@ -50,14 +50,14 @@ def _forbidden(
     near = cKDTree(way).sparse_distance_matrix(roadmap.middles, reach.max(), output_type="ndarray")
     near = near[near["v"] < reach[near["j"]]]
     tick, move = near["i"], near["j"]
-    hit = np.zeros(len(tick), bool)
+    occupancy = np.zeros(len(tick), bool)
     for k in range(int(roadmap.ticks.max())):
-        on = np.nonzero(~hit & (roadmap.ticks[move] > k))[0]
+        on = np.nonzero(~occupancy & (roadmap.ticks[move] > k))[0]
         here = start[move[on]] + k * step[move[on]]
         a = here - way[np.minimum(tick[on] + k, len(way) - 1)]
         b = here + step[move[on]] - way[np.minimum(tick[on] + k + 1, len(way) - 1)]
-        hit[on] = nearest_approach(a, b) < clearance
-    return tick[hit], move[hit]
+        occupancy[on] = nearest_approach(a, b) < clearance
+    return tick[occupancy], move[occupancy]
 
 
 def _reserve(

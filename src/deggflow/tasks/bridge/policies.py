@@ -63,8 +63,8 @@ class Policies(NamedTuple):
         """What happened in one generation, by the names of its robots; None if it was not guided."""
         if not self.names:
             return None
-        made = jax.tree.map(lambda leaf: leaf[trial], self.summary)
-        return record(made, self.names, [f"robot {k + 1}" for k in range(robots)])
+        summary = jax.tree.map(lambda leaf: leaf[trial], self.summary)
+        return record(summary, self.names, [f"robot {k + 1}" for k in range(robots)])
 
     def infeasible(self, trial: int) -> Bool[np.ndarray, " agents"]:
         """Which robots had no input that met their rows, or no direction to act along, at some step."""
@@ -179,15 +179,15 @@ class PolicyGenerator:
         self, noise: Float[np.ndarray, "trials agents dim"], condition: BridgeCondition
     ) -> tuple[Any, ...]:
         """A block of policies with their ends."""
-        drawn = self.draw(noise, rounded(condition))
+        policies = self.draw(noise, rounded(condition))
         with jax.enable_x64(True):
-            z = jnp.asarray(drawn.z, jnp.float64)
+            z = jnp.asarray(policies.z, jnp.float64)
             exact = jax.tree.map(jnp.asarray, condition)
             twists, values = (np.asarray(leaf) for leaf in _end(z, exact, self.field.scales))
         speed = (
             contact_speeds(twists[:, :EXECUTED], np.asarray(condition.contacts)) * condition.mask
         )
-        return twists, values[:, 0], values[:, 1], values[:, 2], speed, drawn.summary
+        return twists, values[:, 0], values[:, 1], values[:, 2], speed, policies.summary
 
     def trace(self, z0: Float[np.ndarray, "agents dim"], condition: BridgeCondition) -> Trace:
         """The generation of one trial's policy step by step."""

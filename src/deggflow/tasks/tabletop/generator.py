@@ -117,11 +117,11 @@ class TabletopGenerator:
         records: list[GenerationRecord | None] = [None] * len(conditions)
         for part in _alike(conditions):
             guidance = self.guidance_for(conditions[part[0]])
-            drawn = self.draw(noise[part, :agents], take(arrays, part), guidance, keep_trace)
-            z[part] = drawn.z
+            draws = self.draw(noise[part, :agents], take(arrays, part), guidance, keep_trace)
+            z[part] = draws.z
             for k, number in enumerate(part):
                 summary, trace = jax.tree.map(
-                    lambda leaf, k=k: leaf[k], (drawn.summary, drawn.trace)
+                    lambda leaf, k=k: leaf[k], (draws.summary, draws.trace)
                 )
                 records[number] = _record(guidance, summary, trace, conditions[number].objects)
         poses = [decode_exactly(state, c) for state, c in zip(z, conditions, strict=True)]
@@ -179,13 +179,13 @@ class TabletopGenerator:
         """
 
         def attempt(index: Sequence[int], number: int) -> list[Candidate[Scene]]:
-            wanted = [conditions[k] for k in index]
+            subset = [conditions[k] for k in index]
             numbers = np.add(index, first)
-            batch = self.batch(initial_noise(seed, numbers, number), wanted, keep_trace=keep_trace)
-            found = judged(batch, wanted, seed)
-            for one, candidate in zip(numbers, found, strict=True):
+            batch = self.batch(initial_noise(seed, numbers, number), subset, keep_trace=keep_trace)
+            candidates = judged(batch, subset, seed)
+            for one, candidate in zip(numbers, candidates, strict=True):
                 on_draw(int(one), with_draws(candidate.sample, number + 1))
-            return found
+            return candidates
 
         return finished(redraw_until_satisfied(attempt, len(conditions), max_draws))
 
@@ -208,10 +208,10 @@ def judged(batch: Batch, conditions: Sequence[SceneCondition], seed: int) -> lis
     """Every scene of a batch with its certificate."""
     settled, out = judge_generated(conditions, batch.poses), []
     for k, (verdict, diverged) in enumerate(zip(settled.verdicts, settled.diverged, strict=True)):
-        made = batch.records[k]
+        record = batch.records[k]
         reason = verdict.reason(conditions[k].objects)
-        if reason is not None and made is not None and made.first_failure is not None:
-            reason += f"; on the way {made.first_failure}"
+        if reason is not None and record is not None and record.first_failure is not None:
+            reason += f"; on the way {record.first_failure}"
         if diverged:
             reason = REASON
         certificate = Certificate(
@@ -220,7 +220,7 @@ def judged(batch: Batch, conditions: Sequence[SceneCondition], seed: int) -> lis
             verdict.violation,
             1,
             reason,
-            made,
+            record,
         )
         scene = Scene(conditions[k], settled.poses[k], certificate, seed)
         out.append(Candidate(scene, certificate.satisfied, certificate.min_margin))

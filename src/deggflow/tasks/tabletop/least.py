@@ -115,9 +115,9 @@ def least_deviation(
     shortfalls = list(_shortfalls(_scene(condition, z), cells))
     best, farthest = 0.0, FARTHEST
     for _ in range(2):
-        found = least_square_sum(_cuts(shortfalls, farthest), len(z))
+        least = least_square_sum(_cuts(shortfalls, farthest), len(z))
         # Either no object moves farther than assumed, or one of them does.
-        best = max(best, min(found, farthest**2))
+        best = max(best, min(least, farthest**2))
         farthest = 1.05 * float(np.sqrt(best))
     return best
 
@@ -152,9 +152,9 @@ def _shortfalls(scene: _Scene, cells: int) -> Iterator[_Shortfall]:
     for i, j, these, those in pairs:
         for a in these:
             for b in those:
-                found = _pair_shortfall(scene, i, j, a, b, cells)
-                if found is not None:
-                    yield found
+                shortfall = _pair_shortfall(scene, i, j, a, b, cells)
+                if shortfall is not None:
+                    yield shortfall
 
 
 def _speed(
@@ -221,11 +221,11 @@ def _cuts(shortfalls: Sequence[_Shortfall], farthest: float) -> Cuts:
         second = first if each.second is None else 1 / each.second.along(farthest)
         for ratio in (1.0,) if each.second is None else RATIOS:
             # The pair's points must all be separated along one direction; e_i + ratio e_j is least along the best.
-            found = np.min(np.max(metres * np.minimum(first, ratio * second), axis=0))
-            if found > 0:
+            depth = np.min(np.max(metres * np.minimum(first, ratio * second), axis=0))
+            if depth > 0:
                 agents.append(each.agents)
                 weights.append((1.0, 0.0 if each.second is None else ratio))
-                least.append(found)
+                least.append(depth)
     return Cuts(
         np.array(agents, int).reshape(-1, 2),
         np.array(weights, np.float64).reshape(-1, 2),

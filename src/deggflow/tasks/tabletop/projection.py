@@ -52,9 +52,9 @@ def project(conditions: Sequence[SceneCondition], target: Scenes, start: Scenes)
     z = start.astype(np.float64)
     for step in range(STEPS + 1):
         poses = [decode_exactly(one, c) for one, c in zip(z, conditions, strict=True)]
-        found = np.array([verdict.satisfied for verdict in judge(conditions, poses)])
+        feasible = np.array([verdict.satisfied for verdict in judge(conditions, poses)])
         square = np.sum((z - target) ** 2, axis=(1, 2))
-        better = found & (square < least)
+        better = feasible & (square < least)
         best[better], least[better] = z[better], square[better]
         padded = np.zeros((scenes, agents, 3), np.float32)
         padded[:, :objects] = z

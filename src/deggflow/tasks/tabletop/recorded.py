@@ -112,8 +112,8 @@ def _blocked(region: Grown, body: Grown) -> float:
     (centre, radius), (core, grown) = region, body
     away = _distances(centre, core)
     depth = _gaps(core, centre).max(axis=0) if len(core) > 1 else away
-    signed = np.where(away > 0, away, np.minimum(depth, 0.0))
-    return _hinges(BUFFER + radius + grown - signed) / 2
+    distance = np.where(away > 0, away, np.minimum(depth, 0.0))
+    return _hinges(BUFFER + radius + grown - distance) / 2
 
 
 def _distances(points: Corners, core: Corners) -> Float[np.ndarray, " _"]:

@@ -149,10 +149,10 @@ def _lower(cases: Cases) -> CaseDeviations:
 def _nearest(cases: Cases, start: Scenes) -> CaseDeviations:
     """The nearer of two scenes, from the nominal one and from a method's sample."""
     target = cases.nominal.astype(np.float64)
-    found = np.stack([project(cases.conditions, target, each) for each in (target, start)])
-    square = np.sum((found - target) ** 2, axis=(2, 3))
+    projections = np.stack([project(cases.conditions, target, each) for each in (target, start)])
+    square = np.sum((projections - target) ** 2, axis=(2, 3))
     first = np.nan_to_num(square[0], nan=np.inf) <= np.nan_to_num(square[1], nan=np.inf)
-    return _row(NEAREST, cases, _Guided(np.where(first[:, None, None], *found), None))
+    return _row(NEAREST, cases, _Guided(np.where(first[:, None, None], *projections), None))
 
 
 def _row(name: str, cases: Cases, guided: _Guided) -> CaseDeviations:
@@ -220,8 +220,8 @@ def _in_chunks(
     for begin in range(0, count, CHUNK):
         some = min(CHUNK, count - begin)
         index = begin + np.resize(np.arange(some), padded_batch(some))
-        found = call(jnp.asarray(noise[index]), take(arrays, index), index)
-        parts.append([np.asarray(each)[:some] for each in found])
+        outputs = call(jnp.asarray(noise[index]), take(arrays, index), index)
+        parts.append([np.asarray(each)[:some] for each in outputs])
     return [np.concatenate(each) for each in zip(*parts, strict=True)]
 
 
@@ -235,16 +235,16 @@ def _path(
     pull: Scalar | None,
 ) -> Float[Array, "scenes points agents 3"]:
     if pull is None:
-        made = generate_batch(
+        generation = generate_batch(
             field, guidance, noise, condition, guard=guard, keep_trace=False, keep_path=True
         )
     else:
-        made = predict_then_correct(
+        generation = predict_then_correct(
             field, guidance, noise, condition,
             steps=DEFAULT_STEPS, pull=pull, guard=guard, keep_path=True,
         )  # fmt: skip
-    assert made.path is not None
-    return made.path
+    assert generation.path is not None
+    return generation.path
 
 
 @eqx.filter_jit

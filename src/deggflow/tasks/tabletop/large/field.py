@@ -31,21 +31,21 @@ def large_scene_features(
     pose = decode(z, condition)
     where = jnp.stack([pose.x, pose.y], axis=-1)
     number = jnp.arange(len(where))
-    found = find_neighbours(
+    neighbours = find_neighbours(
         where, where, condition.mask, jnp.asarray(RADIUS), slots,
-        lambda found: found != number[:, None],
+        lambda neighbours: neighbours != number[:, None],
     )  # fmt: skip
     body, access = place(condition.shape, pose), place(condition.access, pose)
     node = node_features(body, access, condition.kind, condition.half_width, condition.half_depth)
 
     def of(boxes: RoundedBox) -> RoundedBox:
-        return jax.tree.map(found.gather, boxes)
+        return jax.tree.map(neighbours.gather, boxes)
 
     pair = pair_features(body.expand(1), of(body), access.expand(1), of(access))
-    offset = where[found.who] - where[:, None]
-    square = jnp.where(found.near, jnp.sum(offset**2, axis=-1), RADIUS**2)
-    weight = jnp.where(found.missed, jnp.nan, _fading(jnp.sqrt(square)))
-    return TeamFeatures(node, pair, condition.mask, found.who, weight)
+    offset = where[neighbours.who] - where[:, None]
+    square = jnp.where(neighbours.near, jnp.sum(offset**2, axis=-1), RADIUS**2)
+    weight = jnp.where(neighbours.missed, jnp.nan, _fading(jnp.sqrt(square)))
+    return TeamFeatures(node, pair, condition.mask, neighbours.who, weight)
 
 
 @cache  # one object for each: compiled programs are found by what they were compiled for

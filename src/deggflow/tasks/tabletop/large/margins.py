@@ -88,12 +88,12 @@ def _free(pairs: _Pairs) -> Float[Array, "regions slots"]:
     return point_distance(regions.x, regions.y, bodies) - regions.radius
 
 
-def _of_neighbours(boxes: RoundedBox, found: Neighbours) -> RoundedBox:
-    return jax.tree.map(found.gather, boxes)
+def _of_neighbours(boxes: RoundedBox, neighbours: Neighbours) -> RoundedBox:
+    return jax.tree.map(neighbours.gather, boxes)
 
 
-def _both(parts: LargeSceneParts, found: Neighbours) -> Bool[Array, "parts slots"]:
-    return found.near & parts.valid[:, None]
+def _both(parts: LargeSceneParts, neighbours: Neighbours) -> Bool[Array, "parts slots"]:
+    return neighbours.near & parts.valid[:, None]
 
 
 def _walls(
