@@ -20,6 +20,7 @@ from .trace import Point, Summary, TracedReport, add_point, empty_summary, trace
 OnForcedStep = Callable[[Any, Float[Array, ""], Float[Array, " rows"], Bool[Array, " rows"]], Any]
 
 LAST = 16  # the last sixteenth of a batch is finished by itself
+GATHERED = 64  # samples; for smaller batches a second loop takes longer to compile than it saves
 ROUNDING = 64  # times the precision: what a value's own sums may be off
 SHORTEST = 8  # times the precision: a step in tau that is not halved any more
 UNSMOOTH = 0.5  # a smooth value rises against its slope by a part that halves with the step; at a kink the part stays
@@ -220,7 +221,8 @@ def finish(
         inputs: What each sample is conditioned on, with a leading axis of samples.
         samples: As `GuardedSteps.start` makes them, with a leading axis of samples.
     """
-    few = samples.goal.shape[0] // LAST
+    count = samples.goal.shape[0]
+    few = count // LAST if count >= GATHERED else 0
 
     def until(left: int, inputs: Any, samples: SampleProgress) -> SampleProgress:
         return jax.lax.while_loop(
