@@ -13,9 +13,11 @@ BLAMED = 0.5
 ROUNDING = 64  # times the precision: what a value's own sums may be off
 
 
-def rounding(*values: Float[Array, "*samples rows"]) -> Float[Array, "*samples rows"]:
+def rounding(
+    one: Float[Array, "*samples rows"], other: Float[Array, "*samples rows"]
+) -> Float[Array, "*samples rows"]:
     """What rounding may add to the difference of two values."""
-    return ROUNDING * jnp.finfo(values[0].dtype).eps * sum(jnp.abs(value) for value in values)
+    return ROUNDING * jnp.finfo(one.dtype).eps * (jnp.abs(one) + jnp.abs(other))
 
 
 class Trace(NamedTuple):
