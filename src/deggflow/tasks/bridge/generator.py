@@ -43,6 +43,14 @@ class Round(NamedTuple):
     condition: BridgeCondition  # of these trials; numpy arrays in float64
 
 
+class Progress(NamedTuple):
+    """What one policy has done to a trial."""
+
+    trial: int  # its number in the run
+    poses: Float[np.ndarray, "poses 3"]  # of the plank, from the initial one
+    record: PolicyRecord  # of the policy, accepted or refused
+
+
 class Replay(NamedTuple):
     """A trial, and what each of its policies was conditioned on."""
 
@@ -79,6 +87,10 @@ def _nobody(_: Round) -> None:
     """Watches no round."""
 
 
+def _unseen(_: Progress) -> None:
+    """Watches no progress."""
+
+
 class _PolicyRollout:
     """A rollout under policies: what is left of the previous one, and the record of each."""
 
@@ -102,6 +114,9 @@ class _PolicyRollout:
     def stop(self, record: PolicyRecord, reason: str) -> None:
         self.records.append(record)
         self.rollout.stop(reason)
+
+    def progress(self) -> Progress:
+        return Progress(self.number, np.array(self.rollout.poses), self.records[-1])
 
     def finish(self, seed: int, speed_limit: float | None) -> Trial:
         twists, bridged = self.rollout.executed(), self.rollout.bridged
@@ -208,6 +223,7 @@ class BridgeGenerator:
         first: int = 0,
         max_draws: int = MAX_DRAWS,
         on_round: Callable[[Round], None] = _nobody,
+        on_policy: Callable[[Progress], None] = _unseen,
     ) -> Iterator[list[Trial]]:
         """Trials with certificates, in order, as soon as they and those before them are over.
 
@@ -217,6 +233,7 @@ class BridgeGenerator:
             first: Number of the first condition in the run.
             max_draws: Limit for each policy; without guidance every policy is executed as it is drawn.
             on_round: Told before each policy what it is conditioned on.
+            on_policy: Told of each trial after each of its policies.
         """
         if max_draws < 1:
             raise ValueError(f"`max_draws` must be at least 1; got {max_draws}.")
@@ -231,6 +248,8 @@ class BridgeGenerator:
             condition = _stack(under_way, agents)
             on_round(Round(policy, tuple(run.number for run in under_way), condition))
             self._advance(under_way, condition, seed, policy, max_draws)
+            for run in under_way:
+                on_policy(run.progress())
             over = list(takewhile(lambda run: run.rollout.over, runs[count:]))
             count += len(over)
             if over:
