@@ -17,7 +17,7 @@ CONDITION = {
     "contacts": [[-2.4, -0.36], [-2.4, 0.36], [-1.2, 0.36], [-1.3, -0.36]],
 }
 STATE = {"condition": CONDITION, "seed": 1, "maxDraws": 1, "speedLimit": None, "live": True}
-WAIT = 300_000  # ms; the first trial is compiled
+WAIT = 1_800_000  # ms; the first trial is compiled, on a machine that may be busy
 
 
 @pytest.fixture

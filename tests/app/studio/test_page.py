@@ -21,7 +21,7 @@ SCENE = {
     "requirements": {"laptop": {"direction": 3.1, "radius_scale": 1.2}},
 }
 STATE = {"condition": SCENE, "seed": 3, "maxDraws": 2, "draw": None, "live": True, "gallery": []}
-WAIT = 300_000  # ms; the first scene is compiled
+WAIT = 1_800_000  # ms; the first scene is compiled, on a machine that may be busy
 
 
 class Page:

@@ -72,7 +72,7 @@ def test_the_page_in_a_browser(made, browser, monkeypatch):
     page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)  # fmt: skip
     page.on("pageerror", lambda error: errors.append(str(error)))
     page.goto(shown.url)
-    page.locator("#status", has_text=re.compile("^Satisfied")).wait_for(timeout=300_000)
+    page.locator("#status", has_text=re.compile("^Satisfied")).wait_for(timeout=1_800_000)
     agent = page.locator("[data-agent='1'] circle")
     place = [agent.get_attribute("cx"), agent.get_attribute("cy")]
     assert [float(each) for each in place] == pytest.approx(np.asarray(made[0].z[1]), abs=1e-5)
