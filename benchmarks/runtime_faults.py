@@ -29,6 +29,7 @@ from functools import cache
 import jax
 import jax.numpy as jnp
 import numpy as np
+from simulated_team import CompiledTeam, SimulatedProgram
 
 from deggflow import (
     DecoupledGuidance,
@@ -45,8 +46,6 @@ from deggflow.guidance import Recovering
 from deggflow.runtime import Fault, Member, Network, Simulation, TeamError, TeamProgram
 from deggflow.runtime.agreement import DisagreementError
 from deggflow.statistics import Rate
-
-from simulated_team import CompiledTeam, SimulatedProgram
 
 APART, CENTRE = 0.5, 0.25  # least distance; squared distance of the mean from the origin
 GRID = refined_grid(20)

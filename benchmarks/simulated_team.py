@@ -5,7 +5,6 @@ all of them, in which the program runs once for each, one after the other; an ag
 its own. So agents that would disagree disagree here, too.
 """
 
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -60,12 +59,14 @@ class SimulatedProgram:
         self._known, self._whose, self._kept = {}, {}, []
 
     def first(self, start):
+        """As of `TeamProgram`, and so are the others."""
+
         def shared():
             sample, drift = self._compiled.first(start)
-            stacked = jax.tree.map(partial(self._repeated), sample)
+            stacked = jax.tree.map(self._repeated, sample)
             return self._together(stacked), drift
 
-        (together, drift) = self._once(("first",), shared)
+        together, drift = self._once(("first",), shared)
         # Each caller is another agent, and takes the next part.
         number = self._known.setdefault("callers", 0)
         self._known["callers"] = number + 1

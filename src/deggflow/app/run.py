@@ -15,8 +15,8 @@ from tyro.extras import SubcommandApp
 from deggflow.jsonl import InputError
 from deggflow.task import ProcessOptions, check_range
 
-from .registry import SHIPPED, AbstractEntry
 from .parents import CHILD
+from .registry import SHIPPED, AbstractEntry
 from .session import SATISFIED, UNFORESEEN, cache_folder, prepare_jax
 
 if TYPE_CHECKING:
@@ -90,7 +90,9 @@ def _agent(entry: AbstractEntry) -> Callable[..., int]:
             options: What to generate, and how.
         """
 
-        def play(task: "AbstractTask[Any, Any]", factory: "AgentFactory", context: _Context) -> None:
+        def play(
+            task: "AbstractTask[Any, Any]", factory: "AgentFactory", context: _Context
+        ) -> None:
             from deggflow.task import RunSettings
             from deggflow.task.processes import Link
 
@@ -155,7 +157,9 @@ def _played(
 
         end_with_parent()
     if options.out is not None or options.processes:
-        raise InputError("--out and --processes are of generate; a single process prints its results")
+        raise InputError(
+            "--out and --processes are of generate; a single process prints its results"
+        )
     prepare_jax()
     from deggflow.runtime import TeamError, Timing, open_transport
 
@@ -169,7 +173,9 @@ def _played(
     agents = max(map(factory.team_size, conditions)) + factory.world
     if len(place.addresses) != agents:
         whom = "objects" if not factory.world else "robots and the world"
-        raise InputError(f"--addresses must be those of all {agents} {whom}; got {len(place.addresses)}")
+        raise InputError(
+            f"--addresses must be those of all {agents} {whom}; got {len(place.addresses)}"
+        )
     timing = Timing(options.deadline, min(0.1, options.deadline / 10), place.join)
     try:
         transport = open_transport(

@@ -53,7 +53,9 @@ class TeamGeneration(NamedTuple):
         """
         made = certify(self.generation, requirements, condition, mask=mask, agents=agents)
         assert made.generation is not None
-        return replace(made, generation=replace(made.generation, lost=lost_agents(self.stops, agents)))
+        return replace(
+            made, generation=replace(made.generation, lost=lost_agents(self.stops, agents))
+        )
 
 
 class _Progress(NamedTuple):

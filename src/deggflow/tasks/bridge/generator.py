@@ -90,20 +90,24 @@ class PolicyRollout:
 
     @property
     def condition(self) -> TrialCondition:
+        """Of the trial."""
         return self.rollout.condition
 
     def carry_out(
         self, plan: Float[np.ndarray, "horizon 3"], verdict: Verdict, record: PolicyRecord
     ) -> None:
+        """Executes a policy that was accepted."""
         self.records.append(record)
         self.rollout.carry_out(plan, verdict)
         self.previous = plan
 
     def stop(self, record: PolicyRecord, reason: str) -> None:
+        """Ends the trial where it stands, as no draw was accepted."""
         self.records.append(record)
         self.rollout.stop(reason)
 
     def finish(self, seed: int, speed_limit: float | None) -> Trial:
+        """The trial with its certificate."""
         twists, bridged = self.rollout.executed(), self.rollout.bridged
         verdict = execute(self.rollout.poses[0], twists, self.condition.contacts)
         failure = self.rollout.failure

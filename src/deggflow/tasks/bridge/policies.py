@@ -195,7 +195,8 @@ class PolicyGenerator:
             condition: Of all trials; numpy arrays in float64.
         """
         assert isinstance(self.guidance, DecoupledGuidance)
-        return Policies(*self._ends(generation, condition), self.guidance.names)
+        twists, q_task, bound, q_safe, speed, summary = self._ends(generation, condition)
+        return Policies(twists, q_task, bound, q_safe, speed, summary, self.guidance.names)
 
     def _ends(self, policies: Generation, condition: BridgeCondition) -> tuple[Any, ...]:
         with jax.enable_x64(True):

@@ -133,9 +133,7 @@ class RobotAgent(AbstractAgent[TrialCondition, Trial]):
         trial = rollout.finish(run.seed, self._generator.speed_limit)
         return Made(trial, frozenset(rollout.lost))
 
-    def _play(
-        self, rollout: _RobotRollout, condition: TrialCondition, run: RunSettings
-    ) -> None:
+    def _play(self, rollout: _RobotRollout, condition: TrialCondition, run: RunSettings) -> None:
         self._world.begin(condition, run.first)
         self._generator.begin(rollout.lost)
         agents = padded_robots(len(condition.contacts))

@@ -100,7 +100,9 @@ class World:
             return
         robot, lost = command.get("robot"), command.get("lost")
         velocities = _velocities(command.get("velocities"))
-        if robot not in range(len(self._of_contacts)) or not isinstance(lost, list):
+        if not isinstance(robot, int) or not isinstance(lost, list):
+            return
+        if robot not in range(len(self._of_contacts)):
             return
         self._lost |= set(lost) - {robot}
         if command.get("stop"):

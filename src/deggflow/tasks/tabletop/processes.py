@@ -74,7 +74,7 @@ class ObjectAgent(AbstractAgent[SceneCondition, Scene]):
         return self._programs[guidance.names]
 
     def _batch(self, made: TeamGeneration, condition: SceneCondition) -> Batch:
-        z = made.generation.z[None]
+        z = np.asarray(made.generation.z)[None]
         guidance = cast(DecoupledGuidance, self._generator.guidance_for(condition))
         record = made.record(guidance.names, condition.objects)
         return Batch(z, [decode_exactly(z[0], condition)], [record])
