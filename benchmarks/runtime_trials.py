@@ -6,7 +6,8 @@ solves a joint QP for all robots (`JointBarrier`), which gets SIGKILL as it begi
 the replay by an independent integrator and Shapely agrees that it does. One row is written for each trial; rerun the command
 to resume.
 
-Run: python benchmarks/runtime_trials.py --out rows.jsonl [--kills 17 17 16] [--freezes 3 3 4] [--deadline 20] [--seed 0]
+Run: python benchmarks/runtime_trials.py --out rows.jsonl [--kills 17 17 16] [--freezes 3 3 4] [--deadline 20] [--seed 0] [--joint-qp]
+Pictures and videos of the trials: --lines trials.jsonl, then deggflow bridge render trials.jsonl --video
 """
 
 import argparse
@@ -26,7 +27,7 @@ ROUNDS = (
     700,
 )  # after which the fault happens; a policy takes about 55, a trial about 15 policies
 ROUNDS_OF_POLICY = 55
-JOIN = 300
+JOIN = 1800
 
 
 def conditions_of(size, count, seed):
@@ -93,6 +94,9 @@ def play_team(size, plan, args, first, on_row):
                     "refuted": refutation(line), "seconds": round(time.monotonic() - began, 1),
                 }
             )  # fmt: skip
+            if args.lines is not None:
+                with args.lines.open("a") as lines:
+                    lines.write(json.dumps(line) + "\n")
             faults.next()
             began = time.monotonic()
 
@@ -180,6 +184,7 @@ def main():
     options.add_argument("--deadline", type=float, default=20.0)
     options.add_argument("--transport", choices=("udp", "zenoh"), default="udp")
     options.add_argument("--seed", type=int, default=0)
+    options.add_argument("--lines", type=Path, help="the trials themselves, to certify and render")
     options.add_argument("--joint-qp", action="store_true", help="also the joint QP")
     options.add_argument("--central", type=int, nargs=3, help=argparse.SUPPRESS)
     args = options.parse_args()

@@ -8,10 +8,9 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 from deggflow.runtime import RoundStatistics, Timing, Transport
 
-from .interface import Result, RunSettings, Written
+from .interface import RunSettings, Written
 
 C = TypeVar("C", bound=Written)
-R = TypeVar("R", bound=Result)
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,7 @@ class Link:
         return (members - 1) // 2 if self.faults is None else min(self.faults, members - 1)
 
 
-class Made(NamedTuple, Generic[R]):
+class Made(NamedTuple):
     """A result that a team has generated, each agent by itself.
 
     Attributes:
@@ -47,15 +46,15 @@ class Made(NamedTuple, Generic[R]):
         lost: Numbers of the agents that were lost on the way.
     """
 
-    result: R
+    result: Any
     lost: frozenset[int]
 
 
-class AbstractAgent(ABC, Generic[C, R]):
+class AbstractAgent(ABC, Generic[C]):
     """One agent of a task, which takes part in one result after the other."""
 
     @abstractmethod
-    def make(self, condition: C, run: RunSettings) -> Made[R] | None:
+    def make(self, condition: C, run: RunSettings) -> Made | None:
         """Takes part in the result number `run.first`; None if this agent has no part in it.
 
         Raises:
@@ -74,7 +73,7 @@ class AgentFactory(ABC):
         """How many agents a condition has; raises `InputError` if they can't be processes."""
 
     @abstractmethod
-    def agent(self, field: Any, options: Any, link: Link) -> AbstractAgent[Any, Any]:
+    def agent(self, field: Any, options: Any, link: Link) -> AbstractAgent[Any]:
         """An agent with its copy of the field."""
 
     def run_world(self, condition: Any, number: int, transport: Transport, timing: Timing) -> None:

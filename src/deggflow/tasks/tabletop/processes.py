@@ -25,7 +25,7 @@ from .requirements import tabletop_guidance
 from .scene import Scene, finished
 
 
-class ObjectAgent(AbstractAgent[SceneCondition, Scene]):
+class ObjectAgent(AbstractAgent[SceneCondition]):
     """The process of one object; a scene is drawn again as all of its objects find by themselves that it has to be."""
 
     def __init__(self, generator: TabletopGenerator, link: Link, *, keep_trace: bool) -> None:
@@ -33,7 +33,7 @@ class ObjectAgent(AbstractAgent[SceneCondition, Scene]):
         self._generator, self._link, self._keep_trace = generator, link, keep_trace
         self._programs: dict[tuple[str, ...], TeamProgram] = {}
 
-    def make(self, condition: SceneCondition, run: RunSettings) -> Made[Scene] | None:
+    def make(self, condition: SceneCondition, run: RunSettings) -> Made | None:
         """As `TabletopGenerator.scenes`; a scene on the way of which an object was lost is not drawn again."""
         if self._link.number >= len(condition.objects):
             return None
