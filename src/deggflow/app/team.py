@@ -46,6 +46,16 @@ class _Child:
     popen: subprocess.Popen[str]
     errors: IO[str]
     start: int
+    reader: Thread
+
+    def end(self) -> None:
+        """Kills it, if it still runs, and closes what was open."""
+        self.popen.kill()
+        self.popen.wait()
+        self.reader.join()
+        if self.popen.stdin is not None:
+            self.popen.stdin.close()
+        self.errors.close()
 
     def last_error(self) -> str:
         self.errors.seek(0)
@@ -167,7 +177,7 @@ class LocalTeam:
             result = made[number]
             yield result["result"]
             for k in result["lost"] if number + 1 < self._count else ():
-                self._end(k)
+                self._children[k].end()
                 self._start(k, number + 1)
         self._hear_the_others(made)
 
@@ -208,8 +218,9 @@ class LocalTeam:
             self._command(number, first), stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             stderr=errors, text=True, start_new_session=True, env={**os.environ, CHILD: "1"},
         )  # fmt: skip
-        self._children[number] = _Child(popen, errors, start)
-        Thread(target=self._read, args=(number, start, popen), daemon=True).start()
+        reader = Thread(target=self._read, args=(number, start, popen), daemon=True)
+        self._children[number] = _Child(popen, errors, start, reader)
+        reader.start()
 
     def _command(self, number: int, first: int) -> list[str]:
         what = "world" if number == self._agents else "agent"
@@ -225,17 +236,13 @@ class LocalTeam:
 
     def _read(self, number: int, start: int, popen: subprocess.Popen[str]) -> None:
         assert popen.stdout is not None
-        for text in popen.stdout:
-            try:
-                self._events.put(_Event(number, start, json.loads(text)))
-            except ValueError:  # cut off by its end
-                break
+        with popen.stdout:
+            for text in popen.stdout:
+                try:
+                    self._events.put(_Event(number, start, json.loads(text)))
+                except ValueError:  # cut off by its end
+                    break
         self._events.put(_Event(number, start, None))
-
-    def _end(self, number: int) -> None:
-        child = self._children[number]
-        child.popen.kill()
-        child.popen.wait()
 
     def __enter__(self) -> "LocalTeam":
         return self
@@ -245,9 +252,5 @@ class LocalTeam:
     ) -> None:  # fmt: skip
         """Ends all processes."""
         for child in self._children.values():
-            child.popen.kill()
-            child.popen.wait()
-            if child.popen.stdin is not None:
-                child.popen.stdin.close()
-            child.errors.close()
+            child.end()
         self._folder.cleanup()
