@@ -2,6 +2,7 @@
 
 import inspect
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,7 +13,7 @@ from deggflow.jsonl import InputError
 from deggflow.task import check_range
 
 from .registry import AbstractEntry
-from .session import NOT_SATISFIED, SATISFIED, console, prepare_jax, progress
+from .session import NOT_SATISFIED, SATISFIED, UNFORESEEN, console, prepare_jax, progress
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -130,6 +131,7 @@ def _generate(entry: AbstractEntry) -> Callable[..., int]:
         """
         prepare_jax()
         from deggflow.output import check_written
+        from deggflow.runtime import TeamError
 
         from .runs import (
             check_output,
@@ -150,15 +152,23 @@ def _generate(entry: AbstractEntry) -> Callable[..., int]:
             "weights": digest_of_weights(options.weights),
         }
         check_output(options.out, settings)
-        generator = task.generator(task.model.load(options.weights), options)
+        chunks: Callable[[int, Progress], Iterator[list[Any]]]
+        if getattr(options, "processes", False):
+            from .team import team_results
 
-        def chunks(first: int, bars: "Progress") -> Iterator[list[Any]]:
-            return generate_results(generator, source, options, first, bars)
+            chunks = team_results(task, source, options)
+        else:
+            generator = task.generator(task.model.load(options.weights), options)
+            chunks = partial(generate_results, generator, source, options)
 
-        failed = write_results(
-            options.out, settings, source, f"{task.noun}s",
-            lambda row: task.fails(row, guided=options.guided), chunks,
-        )  # fmt: skip
+        try:
+            failed = write_results(
+                options.out, settings, source, f"{task.noun}s",
+                lambda row: task.fails(row, guided=options.guided), chunks,
+            )  # fmt: skip
+        except TeamError as error:
+            console().print(f"deggflow: {error}", markup=False)
+            return UNFORESEEN
         where = "" if options.out is None else f" They are in {options.out}."
         totals = f"{source.count - failed} of {source.count} {task.claim.of(source.count)}"
         console().print(f"{totals}.{where}")
@@ -222,7 +232,7 @@ def _render(entry: AbstractEntry) -> Callable[..., int]:
             options: What to draw.
         """
         prepare_jax()
-        from functools import cache, partial
+        from functools import cache
 
         from deggflow.task import PictureRequest
 

@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar, runtime_checkable
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 from deggflow.consistency import Line, Unverified, Wrong
 from deggflow.files import StrPath
@@ -31,6 +31,9 @@ class Result(Written, Protocol):
     def condition(self) -> Any:
         """The condition that it was generated for."""
 
+
+if TYPE_CHECKING:
+    from .processes import AgentFactory
 
 C = TypeVar("C", bound=Written)  # conditions
 R = TypeVar("R", bound=Result)
@@ -175,6 +178,7 @@ class AbstractTask(ABC, Generic[C, R]):
         sizes: Least and largest number of agents that `generate --size` takes.
         options: Options of the commands.
         unverified: Fields of a result's line that can't be verified from the file.
+        processes: How its agents are processes; None if they can't be.
     """
 
     name: str
@@ -182,6 +186,7 @@ class AbstractTask(ABC, Generic[C, R]):
     sizes: tuple[int, int]
     options: TaskOptions
     unverified: Unverified
+    processes: "AgentFactory | None" = None
 
     @property
     @abstractmethod

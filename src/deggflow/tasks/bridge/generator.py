@@ -91,7 +91,7 @@ def _unseen(_: Progress) -> None:
     """Watches no progress."""
 
 
-class _PolicyRollout:
+class PolicyRollout:
     """A rollout under policies: what is left of the previous one, and the record of each."""
 
     def __init__(self, start: Start, number: int) -> None:
@@ -102,16 +102,19 @@ class _PolicyRollout:
 
     @property
     def condition(self) -> TrialCondition:
+        """Of the trial."""
         return self.rollout.condition
 
     def carry_out(
         self, plan: Float[np.ndarray, "horizon 3"], verdict: Verdict, record: PolicyRecord
     ) -> None:
+        """Executes a policy that was accepted."""
         self.records.append(record)
         self.rollout.carry_out(plan, verdict)
         self.previous = plan
 
     def stop(self, record: PolicyRecord, reason: str) -> None:
+        """Ends the trial where it stands, as no draw was accepted."""
         self.records.append(record)
         self.rollout.stop(reason)
 
@@ -119,6 +122,7 @@ class _PolicyRollout:
         return Progress(self.number, np.array(self.rollout.poses), self.records[-1])
 
     def finish(self, seed: int, speed_limit: float | None) -> Trial:
+        """The trial with its certificate."""
         twists, bridged = self.rollout.executed(), self.rollout.bridged
         verdict = execute(self.rollout.poses[0], twists, self.condition.contacts)
         failure = self.rollout.failure
@@ -144,7 +148,7 @@ class _PolicyRollout:
         )  # fmt: skip
 
 
-def _stack(runs: Sequence[_PolicyRollout], agents: int) -> BridgeCondition:
+def stacked(runs: Sequence[PolicyRollout], agents: int) -> BridgeCondition:
     """What the next policies are conditioned on; numpy arrays in float64."""
     contacts, mask = np.zeros((len(runs), agents, 2)), np.zeros((len(runs), agents), bool)
     for k, run in enumerate(runs):
@@ -197,6 +201,12 @@ class BridgeGenerator:
         """What makes a policy's draw of this number, from 1: a policy that is refused again and again gets finer steps."""
         return self.policies if number <= COARSE_DRAWS else self.finer
 
+    def draw(
+        self, number: int, noise: Float[np.ndarray, "trials agents dim"], condition: BridgeCondition
+    ) -> Policies:
+        """A policy's draw of this number, from 1, of some trials from given z(0)."""
+        return self.of_draw(number).batch(noise, condition)
+
     def trials(
         self,
         conditions: Sequence[TrialCondition],
@@ -238,16 +248,16 @@ class BridgeGenerator:
         if max_draws < 1:
             raise ValueError(f"`max_draws` must be at least 1; got {max_draws}.")
         rest = np.zeros(3), np.zeros((HORIZON, 3))
-        runs = [_PolicyRollout(Start(each, *rest), first + k) for k, each in enumerate(conditions)]
+        runs = [PolicyRollout(Start(each, *rest), first + k) for k, each in enumerate(conditions)]
         agents = padded_robots(max((len(c.contacts) for c in conditions), default=0))
         count = 0
         for policy in range(MAX_POLICIES):
             under_way = [run for run in runs if not run.rollout.over]
             if not under_way:
                 break
-            condition = _stack(under_way, agents)
+            condition = stacked(under_way, agents)
             on_round(Round(policy, tuple(run.number for run in under_way), condition))
-            self._advance(under_way, condition, seed, policy, max_draws)
+            self.advance(under_way, condition, seed, policy, max_draws)
             for run in under_way:
                 on_policy(run.progress())
             over = list(takewhile(lambda run: run.rollout.over, runs[count:]))
@@ -261,9 +271,9 @@ class BridgeGenerator:
         self, starts: Sequence[Start], *, seed: int = 0, max_draws: int = MAX_DRAWS
     ) -> list[Single]:
         """One policy from each start, of at least one robot; arguments as in `trials`."""
-        runs = [_PolicyRollout(start, number) for number, start in enumerate(starts)]
+        runs = [PolicyRollout(start, number) for number, start in enumerate(starts)]
         agents = padded_robots(max(len(start.condition.contacts) for start in starts))
-        self._advance(runs, _stack(runs, agents), seed, 0, max_draws)
+        self.advance(runs, stacked(runs, agents), seed, 0, max_draws)
         return [
             Single(
                 run.condition,
@@ -285,19 +295,20 @@ class BridgeGenerator:
         )
         return Replay(trial, [take(each.condition, 0) for each in rounds])
 
-    def _advance(
+    def advance(
         self,
-        runs: list[_PolicyRollout],
+        runs: list[PolicyRollout],
         condition: BridgeCondition,
         seed: int,
         policy: int,
         max_draws: int,
     ) -> None:
+        """Carries out the next policy of each run, or stops it where no draw is accepted."""
+
         def attempt(pending: Sequence[int], number: int) -> list[Candidate[_Refusal | None]]:
             numbers = np.array([runs[k].number for k in pending])
-            policies = self.of_draw(number + 1).batch(
-                initial_noise(seed, numbers, policy, number), take(condition, np.array(pending))
-            )
+            noise = initial_noise(seed, numbers, policy, number)
+            policies = self.draw(number + 1, noise, take(condition, np.array(pending)))
             refusals = [
                 self._try(runs[k], policies, row, number + 1, policy)
                 for row, k in enumerate(pending)
@@ -317,7 +328,7 @@ class BridgeGenerator:
                 )
 
     def _try(
-        self, run: _PolicyRollout, policies: Policies, row: int, draws: int, policy: int
+        self, run: PolicyRollout, policies: Policies, row: int, draws: int, policy: int
     ) -> _Refusal | None:
         """Executes a policy, or returns why it is refused."""
         plan = policies.twists[row]
@@ -347,7 +358,7 @@ class BridgeGenerator:
 
 
 def _refusal(
-    run: _PolicyRollout,
+    run: PolicyRollout,
     policies: Policies,
     row: int,
     verdict: Verdict,

@@ -28,6 +28,7 @@ from .model import BridgeModel
 from .options import OPTIONS, BridgeEvaluate, BridgeGenerate
 from .oracle import fastest_contact, refutation
 from .policies import few_evaluations
+from .processes import BridgeProcesses
 from .report import HardEvaluation, ModesEvaluation, SuccessEvaluation, evaluation_of
 from .requirements import bridge_guidance
 from .scenes import random_conditions
@@ -88,6 +89,7 @@ class BridgeTask(AbstractTask[TrialCondition, Trial]):
     unverified = UNVERIFIED
     claim = Claim("trial bridges the gap", "trials bridge the gap")
     model = BridgeModel()
+    processes = BridgeProcesses()
 
     def parse_condition(self, value: Any, field: str = "") -> TrialCondition:
         """As `formats.parse_condition`."""

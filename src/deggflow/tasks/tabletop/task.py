@@ -28,6 +28,7 @@ from .large import is_large, make_scenes
 from .library import MAX_LARGE, MAX_OBJECTS
 from .model import TabletopModel
 from .options import OPTIONS, TabletopEvaluate, TabletopGenerate
+from .processes import TabletopProcesses
 from .report import AllocationComparison, SuccessEvaluation, evaluation_of
 from .requirements import tabletop_guidance
 from .scene import Scene
@@ -68,6 +69,7 @@ class TabletopTask(AbstractTask[SceneCondition, Scene]):
     unverified = UNVERIFIED
     claim = Claim("scene satisfies every requirement", "scenes satisfy every requirement")
     model = TabletopModel()
+    processes = TabletopProcesses()
 
     def parse_condition(self, value: Any, field: str = "") -> SceneCondition:
         """As `formats.parse_condition`."""
