@@ -119,6 +119,7 @@ class PolicyRollout:
         self.rollout.stop(reason)
 
     def progress(self) -> Progress:
+        """Its poses so far and the record of its last policy."""
         return Progress(self.number, np.array(self.rollout.poses), self.records[-1])
 
     def finish(self, seed: int, speed_limit: float | None) -> Trial:
