@@ -10,6 +10,7 @@ from deggflow.studio.command import studio
 from .baselines import baselines
 from .commands import task_app
 from .demo import demo
+from .merge import merge
 from .registry import SHIPPED, RegisteredEntry, registered
 from .reproduce.command import reproduce
 from .session import BAD_INPUT, UNFORESEEN
@@ -36,6 +37,7 @@ def _app(first: str | None) -> SubcommandApp:
     for other in registered([entry.name for entry in SHIPPED]):
         commands = task_app(other) if other.name == first else _placeholder(other)
         app.command(commands, name=other.name, help=other.help)
+    app.command(merge)
     app.command(reproduce)
     app.command(studio)
     return app

@@ -9,6 +9,7 @@ import tyro
 from tyro.extras import SubcommandApp
 
 from deggflow.jsonl import InputError
+from deggflow.shards import parse_shard
 from deggflow.task import check_range
 
 from .registry import AbstractEntry
@@ -54,13 +55,15 @@ def _with_options(
 
 
 def _data(entry: AbstractEntry) -> Callable[..., int]:
-    def data(out: Path, options: Any) -> int:
+    def data(out: Path, options: Any, shard: str | None = None) -> int:
         """Make training and validation data.
 
         Args:
             out: Folder that receives training.jsonl and validation.jsonl. Rerun the command to resume an interrupted run.
             options: Which demonstrations to make.
+            shard: k/n: make only shard number k of n; `deggflow merge` joins the folders.
         """
+        part = parse_shard(shard)
         prepare_jax()
         from deggflow.output import check_written
         from deggflow.task import write_data
@@ -70,9 +73,9 @@ def _data(entry: AbstractEntry) -> Callable[..., int]:
             bar = bars.add_task(model.noun, total=None)
             write_data(
                 model, out, options,
-                lambda count, total: bars.update(bar, completed=count, total=total),
+                lambda count, total: bars.update(bar, completed=count, total=total), shard=part,
             )  # fmt: skip
-        for line in model.describe(out):
+        for line in () if part else model.describe(out):
             console().print(line)
         console().print(f"Training and validation {model.noun} are in {out}.")
         check_written(out / "training.jsonl", out / "validation.jsonl")
@@ -119,7 +122,7 @@ def _train(entry: AbstractEntry) -> Callable[..., int]:
 
 
 def _generate(entry: AbstractEntry) -> Callable[..., int]:
-    def generate(options: Any) -> int:
+    def generate(options: Any, shard: str | None = None) -> int:
         """Generate results, each with its certificate, as JSON Lines.
 
         Exit code 0: every result satisfies its requirements (or --guidance none); 3: some do not, and their lines
@@ -127,7 +130,9 @@ def _generate(entry: AbstractEntry) -> Callable[..., int]:
 
         Args:
             options: What to generate, and how.
+            shard: k/n: generate only shard number k of n; `deggflow merge` joins the files into that of the whole run.
         """
+        part_of_run = parse_shard(shard)
         prepare_jax()
         from deggflow.output import check_written
 
@@ -136,6 +141,7 @@ def _generate(entry: AbstractEntry) -> Callable[..., int]:
             condition_source,
             digest_of_weights,
             generate_results,
+            provenance,
             write_results,
         )
 
@@ -148,12 +154,19 @@ def _generate(entry: AbstractEntry) -> Callable[..., int]:
             "count": source.count,
             **options.settings(),
             "weights": digest_of_weights(options.weights),
+            "made_with": provenance(task.model, options.weights),
         }
-        check_output(options.out, settings)
+        identity = settings | ({} if part_of_run is None else {"shard": str(part_of_run)})
+        check_output(options.out, identity)
         generator = task.generator(task.model.load(options.weights), options)
+        chunking = generator.chunking(*source.part(0, 1))
+        if part_of_run is not None:
+            part = part_of_run.equal_part(source.count, chunking.size)
+            settings |= part_of_run.settings(part)
+            source = source.of_part(part)
 
         def chunks(first: int, bars: "Progress") -> Iterator[list[Any]]:
-            return generate_results(generator, source, options, first, bars)
+            return generate_results(generator, source, options, first, bars, chunking)
 
         failed = write_results(
             options.out, settings, source, f"{task.noun}s",
@@ -187,12 +200,14 @@ def _certify(entry: AbstractEntry) -> Callable[..., int]:
 
 
 def _evaluate(entry: AbstractEntry) -> Callable[..., int]:
-    def evaluate(options: Any) -> int:
+    def evaluate(options: Any, shard: str | None = None) -> int:
         """Measure the success of nominal and guided generation; an independent oracle checks every claim.
 
         Args:
             options: What to measure, and on how many cases.
+            shard: k/n: measure only shard number k of n of the rows. With the merged file as --out, the command without --shard prints the tables.
         """
+        part = parse_shard(shard, options.out)
         prepare_jax()
         from deggflow.output import check_written
 
@@ -203,10 +218,11 @@ def _evaluate(entry: AbstractEntry) -> Callable[..., int]:
             raise InputError("--sizes must name at least one size")
         task, digest = entry.load_task(), digest_of_weights(options.weights)
         evaluation = task.evaluation(task.model.load(options.weights), options, digest)
-        rows = run_jobs(evaluation.jobs, evaluation.row, evaluation.settings, options.out)
-        for table in evaluation.tables(rows):
-            show(table)
-        entry.load_pictures().draw_evaluation(evaluation, options)
+        rows = run_jobs(evaluation.jobs, evaluation.row, evaluation.settings, options.out, part)
+        if part is None:
+            for table in evaluation.tables(rows):
+                show(table)
+            entry.load_pictures().draw_evaluation(evaluation, options)
         check_written(options.out)
         return SATISFIED if evaluation.complete(rows) else NOT_SATISFIED
 

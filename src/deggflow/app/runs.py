@@ -6,23 +6,27 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+from deggflow import __version__
 from deggflow.jsonl import InputError
 from deggflow.output import ADVICE, ResumableOutput
 from deggflow.schema import parse_as
+from deggflow.shards import Part, Shard
 from deggflow.task import (
     AbstractGenerator,
+    AbstractModel,
     AbstractTask,
+    Chunking,
     GenerateOptions,
     RunSettings,
     check_range,
 )
 from deggflow.task.interface import Result, Written
-from deggflow.task.options import MAX_COUNT
+from deggflow.task.options import MAX_RESULTS
 
 from .session import progress
 
@@ -59,6 +63,12 @@ def digest_of_weights(path: Path | None) -> str | None:
         ) from None
 
 
+def provenance(model: AbstractModel, weights: Path | None) -> dict[str, Any]:
+    """What a run is made with besides its settings: version of the package, and digest of the weights, shipped or not."""
+    used = model.shipped if weights is None else weights
+    return {"deggflow": __version__, "weights": digest_of_weights(used)}
+
+
 def check_output(out: Path | None, settings: Mapping[str, Any]) -> None:
     """Refuses a file of another run before anything is computed; the file is checked again once it is locked."""
     if out is not None:
@@ -67,19 +77,30 @@ def check_output(out: Path | None, settings: Mapping[str, Any]) -> None:
 
 @dataclass(frozen=True)
 class ConditionSource(Generic[C]):
-    """Conditions of a run by number, from a file or drawn.
+    """Conditions of a run by number, from a file or drawn; or those of one shard, numbered from its first one.
 
     Attributes:
         count: Number of conditions.
         size: Number of agents of drawn conditions; 0 if the conditions come from a file.
         part: Maps (number of the first condition, how many) to the conditions.
         digest: Digest of a file's conditions as they were read; None if they are drawn.
+        first: Number in the run of a shard's first condition.
     """
 
     count: int
     size: int
     part: Callable[[int, int], list[C]]
     digest: str | None = None
+    first: int = 0
+
+    def of_part(self, part: Part) -> "ConditionSource[C]":
+        """The conditions of a part of the run."""
+        return replace(
+            self,
+            count=part.lines,
+            part=lambda first, many: self.part(part.first + first, many),
+            first=part.first,
+        )
 
     def belongs(self, number: int, row: Any) -> bool:
         """Whether a line holds the result for the condition of its number."""
@@ -93,13 +114,17 @@ def generate_results(
     options: GenerateOptions,
     first: int,
     bars: "Progress",
+    chunking: Chunking | None = None,
 ) -> Iterator[list[R]]:
     """Yields results from number `first` on, some at a time, as soon as they are finished.
 
     A chunk that a kill cut in two is generated again as a whole, since a batch of another size rounds differently.
-    Its results that are already written are skipped.
+    Its results that are already written are skipped. `chunking` is that of the whole run, if the source is a shard's.
     """
-    chunking = generator.chunking(*source.part(0, 1))
+    if source.count == 0:
+        return
+    if chunking is None:
+        chunking = generator.chunking(*source.part(0, 1))
     bar = None
 
     def tell(status: str) -> None:
@@ -110,7 +135,8 @@ def generate_results(
     def results(start: int) -> Iterator[list[R]]:
         number = start
         conditions = source.part(start, min(chunking.size, source.count - start))
-        run = RunSettings(options.seed, start, options.max_draws if options.guided else 1)
+        number_in_run = source.first + start
+        run = RunSettings(options.seed, number_in_run, options.max_draws if options.guided else 1)
         for some in generator.generate(conditions, run, tell):
             yield some[max(0, first - number) :]
             number += len(some)
@@ -160,7 +186,7 @@ def condition_source(task: AbstractTask[C, R], options: GenerateOptions) -> Cond
         )
     size, count = options.size or 0, 1 if options.count is None else options.count
     check_range("size", size, *task.sizes)
-    check_range("count", count, 1, MAX_COUNT)
+    check_range("count", count, 1, MAX_RESULTS)
     return ConditionSource(
         count, size, lambda first, many: task.random_conditions(size, many, first, options)
     )
@@ -224,6 +250,7 @@ def run_jobs(
     kind: type[Row],
     settings: Mapping[str, Any],
     out: Path | None,
+    shard: Shard | None = None,
 ) -> list[Row]:
     """Runs the jobs whose rows `out` does not hold yet; each row is written as soon as it is measured.
 
@@ -232,7 +259,12 @@ def run_jobs(
         kind: Dataclass of the rows.
         settings: JSON values that distinguish this run from others.
         out: The file, or None.
+        shard: Runs only its jobs, and returns their rows; None: all.
     """
+    if shard is not None:
+        part = shard.equal_part(len(jobs), 1)
+        jobs = jobs[part.first : part.first + part.lines]
+        settings = {**settings, **shard.settings(part)}
     with progress() as bars:
         bar = bars.add_task("evaluating", total=len(jobs))
         if out is None:

@@ -70,6 +70,7 @@ class AbstractModel(ABC):
         sizes: Least and largest number of agents.
         chunk: Demonstrations per batch, which are made and written together.
         loss_text: The loss in words, for the card.
+        shipped: The weights file that `load` reads by default; None if there is none.
     """
 
     task: str
@@ -77,6 +78,7 @@ class AbstractModel(ABC):
     sizes: tuple[int, int]
     chunk: int
     loss_text: str
+    shipped: Path | None = None
 
     @abstractmethod
     def demonstrate(

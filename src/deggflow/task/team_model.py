@@ -37,6 +37,7 @@ class TeamModel(AbstractModel):
         """Args: task: the task of the model."""
         self._task = task
         self.task, self.noun, self.sizes = task.name, f"{task.noun}s", task.sizes
+        self.shipped = task.weights
 
     def demonstrate(
         self, size: int, first: int, count: int, recipe: Recipe, seed: int

@@ -11,7 +11,7 @@ from deggflow.files import StrPath
 from deggflow.task import AbstractModel, Recipe, TrainingData
 
 from .data import CHUNK, load_dataset, make_scenes
-from .field import build_field, load_field
+from .field import build_field, load_field, shipped_weights
 from .library import MAX_OBJECTS
 from .options import SceneRecipe
 from .symmetry import random_symmetry
@@ -24,6 +24,7 @@ class TabletopModel(AbstractModel):
     noun = "scenes"
     sizes = (1, MAX_OBJECTS)
     chunk = CHUNK
+    shipped = shipped_weights()
     loss_text = (
         "L_MAC, tau ~ Unif[0, 1], z(0) ~ N(0, I), the table's four symmetries drawn at random"
     )
