@@ -10,6 +10,7 @@ from deggflow.studio.command import studio
 from .baselines import baselines
 from .commands import task_app
 from .demo import demo
+from .export import export
 from .merge import merge
 from .registry import SHIPPED, RegisteredEntry, registered
 from .reproduce.command import reproduce
@@ -38,6 +39,7 @@ def _app(first: str | None) -> SubcommandApp:
         commands = task_app(other) if other.name == first else _placeholder(other)
         app.command(commands, name=other.name, help=other.help)
     app.command(merge)
+    app.command(export)
     app.command(reproduce)
     app.command(studio)
     return app

@@ -1,8 +1,8 @@
 """`deggflow merge`: one file, or one folder of training data, from those of all shards."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
@@ -28,7 +28,7 @@ def merge(
 
     Args:
         shards: Files that commands with --shard wrote; or folders, of `data --shard`.
-        out: File, or folder, of the whole run.
+        out: File, or folder, of the whole run. A file that ends in .parquet becomes a table (extra `data`).
     """
     folders = {path.is_dir() for path in shards}
     if len(folders) > 1:
@@ -43,10 +43,34 @@ def merge(
 
 def _merge(paths: Sequence[Path], out: Path) -> None:
     from deggflow.merging import merge_shards
+    from deggflow.tables import is_table
 
     with progress() as bars:
         bar = bars.add_task("merging", total=None)
-        lines = merge_shards(
-            paths, out, lambda done, total: bars.update(bar, completed=done, total=total)
-        )
+
+        def tell(done: int, total: int) -> None:
+            bars.update(bar, completed=done, total=total)
+
+        lines = _table(paths, out, tell) if is_table(out) else merge_shards(paths, out, tell)
     console().print(f"{lines} lines of {len(paths)} shards are in {out}.", markup=False)
+
+
+def _table(paths: Sequence[Path], out: Path, on_progress: Callable[[int, int], None]) -> int:
+    from deggflow.jsonl import parse_line
+    from deggflow.merging import checked_shards, shard_lines
+
+    from .export import write_table
+
+    if out.exists():
+        raise InputError("exists; choose another --out, or remove it first", file=out)
+    files = checked_shards(paths)
+
+    def rows() -> Iterator[dict[str, Any]]:
+        done = 0
+        for file in files:
+            for line in shard_lines(file):
+                yield parse_line(line.rstrip(b"\n"))
+            done += file.part.lines
+            on_progress(done, file.part.total)
+
+    return write_table(out, rows(), files[0].settings)

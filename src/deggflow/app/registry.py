@@ -45,6 +45,10 @@ class AbstractEntry(ABC):
         """The dataclasses of the task's options."""
 
     @abstractmethod
+    def load_lines(self) -> Sequence[type[Any]]:
+        """Types of the lines of the task's files."""
+
+    @abstractmethod
     def load_task(self) -> "AbstractTask[Any, Any]":
         """The task; raises `InputError` if it can't be loaded."""
 
@@ -62,6 +66,7 @@ class ShippedEntry(AbstractEntry):
         help: One sentence on its results.
         result: The task's word for one result.
         options: "module:object" of its `TaskOptions`, which are read before JAX is loaded.
+        lines: "module:object" of the types of its lines, likewise.
         task: "module:class" of its `AbstractTask`.
         pictures: "module:class" of its `AbstractPictures`.
     """
@@ -70,6 +75,7 @@ class ShippedEntry(AbstractEntry):
     help: str
     result: str
     options: str
+    lines: str
     task: str
     pictures: str
 
@@ -82,6 +88,11 @@ class ShippedEntry(AbstractEntry):
         """The dataclasses of the task's options."""
         options: TaskOptions = _object(self.options)
         return options
+
+    def load_lines(self) -> Sequence[type[Any]]:
+        """Types of the lines of the task's files."""
+        lines: Sequence[type[Any]] = _object(self.lines)
+        return lines
 
     def load_task(self) -> "AbstractTask[Any, Any]":
         """The task."""
@@ -100,6 +111,7 @@ SHIPPED = (
         "Scenes of objects on a table, each easy to reach and use.",
         "scene",
         "deggflow.tasks.tabletop.options:OPTIONS",
+        "deggflow.tasks.tabletop.lines:LINES",
         "deggflow.tasks.tabletop.task:TabletopTask",
         "deggflow.view.tabletop.results:TabletopPictures",
     ),
@@ -108,6 +120,7 @@ SHIPPED = (
         "Robots push a plank over a gap and cross it.",
         "trial",
         "deggflow.tasks.bridge.options:OPTIONS",
+        "deggflow.tasks.bridge.lines:LINES",
         "deggflow.tasks.bridge.task:BridgeTask",
         "deggflow.view.bridge.results:BridgePictures",
     ),
@@ -135,6 +148,10 @@ class RegisteredEntry(AbstractEntry):
     def load_options(self) -> TaskOptions:
         """The dataclasses of the task's options."""
         return self.load_task().options
+
+    def load_lines(self) -> Sequence[type[Any]]:
+        """Types of the lines of the task's files."""
+        return self.load_task().lines
 
     def load_task(self) -> "AbstractTask[Any, Any]":
         """The task; raises `InputError` if it can't be loaded."""

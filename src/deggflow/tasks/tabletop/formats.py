@@ -17,6 +17,7 @@ from deggflow.jsonl import (
     shorten,
 )
 from deggflow.records import parse_certificate
+from deggflow.tables import read_results
 
 from .condition import Affordance, Balance, SceneCondition
 from .library import (
@@ -27,6 +28,7 @@ from .library import (
     is_object_name,
     type_name,
 )
+from .lines import LINES
 from .scene import Scene
 
 MIN_SCALE, MAX_SCALE = 0.01, 10.0
@@ -143,5 +145,5 @@ def parse_scene(value: Any) -> Scene:
 
 
 def read_scenes(path: StrPath) -> list[Scene]:
-    """All scenes of a file, or `InputError` for the first that is wrong."""
-    return read_lines(path, parse_scene, "tabletop scene")
+    """All scenes of a JSON Lines file or a table, or `InputError` for the first that is wrong."""
+    return read_results(path, parse_scene, "tabletop scene", LINES)
