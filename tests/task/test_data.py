@@ -34,7 +34,7 @@ class LineModel(AbstractModel):
     def describe(self, folder):
         return ()
 
-    def load_data(self, training, validation):
+    def load_data(self, training, validation, scratch=None):
         raise AssertionError
 
     def build(self, key, data, architecture):

@@ -85,21 +85,37 @@ def _data(entry: AbstractEntry) -> Callable[..., int]:
 
 
 def _train(entry: AbstractEntry) -> Callable[..., int]:
-    def train(data: Path, out: Path, options: Any) -> int:
+    def train(
+        data: Path,
+        out: Path,
+        options: Any,
+        validation: Path | None = None,
+        devices: int = 1,
+        coordinator: str | None = None,
+        process: str | None = None,
+    ) -> int:
         """Train a nominal field. Rerun the command to resume an interrupted run; more steps extend a finished one.
 
         Args:
-            data: Folder with training.jsonl and validation.jsonl.
+            data: Folder with training.jsonl and validation.jsonl, or .parquet; or a file of training data, with --validation.
             out: Folder that receives config.json, checkpoints, curves.csv, curves.png, field.safetensors and its card field.json.
             options: How to train.
+            validation: File of validation data, if --data is a file.
+            devices: Number of devices that divide each batch; with --coordinator, of each process. 0: all.
+            coordinator: HOST:PORT of the first process, if several processes train together; they share the folders.
+            process: k/n: this is process number k of n, with --coordinator.
         """
+        check_range("devices", devices, 0, 10_000)
         prepare_jax()
         from deggflow.output import check_written
-        from deggflow.task import train_field
+        from deggflow.task import data_files, train_field
         from deggflow.train import TrainingConfig
 
+        from .distributed import connect, is_first, selected_devices
         from .remake import remake
         from .runs import training_progress
+
+        connect(coordinator, process)
 
         try:
             config = TrainingConfig(
@@ -109,13 +125,15 @@ def _train(entry: AbstractEntry) -> Callable[..., int]:
         except ValueError as error:
             raise InputError(str(error)) from None
         sizes = options.architecture()
-        with training_progress(options.steps, out) as show:
+        with training_progress(options.steps, out, hidden=not is_first()) as show:
             train_field(
-                entry.load_task().model, data, out, config, sizes, show,
+                entry.load_task().model, data_files(data, validation), out, config, sizes, show,
                 commands=remake(entry.name, entry.load_options().data, sizes),
+                devices=selected_devices(devices, options.batch),
             )  # fmt: skip
-        console().print(f"Weights, card and curves are in {out}.")
-        check_written(out / "field.safetensors", out / "field.json", out / "curves.csv")
+        if is_first():
+            console().print(f"Weights, card and curves are in {out}.")
+            check_written(out / "field.safetensors", out / "field.json", out / "curves.csv")
         return SATISFIED
 
     return train

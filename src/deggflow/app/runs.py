@@ -305,8 +305,13 @@ def resumed_rows(
 
 
 @contextmanager
-def training_progress(steps: int, out: Path) -> "Iterator[Callable[[Curve], None]]":
-    """Shows the losses during training; plots the curves into `out` at the end."""
+def training_progress(
+    steps: int, out: Path, *, hidden: bool = False
+) -> "Iterator[Callable[[Curve], None]]":
+    """Shows the losses during training; plots the curves into `out` at the end; neither if hidden."""
+    if hidden:
+        yield lambda curve: None
+        return
     with progress() as bars:
         bar = bars.add_task("training", total=steps)
 

@@ -199,3 +199,22 @@ def kind_of(path: StrPath, kinds: Sequence[type[Any]]) -> type[Any]:
         f"its columns are not {known or 'those of a task'}; got {', '.join(sorted(names))}",
         file=path,
     )
+
+
+def longest_list(path: StrPath, name: str) -> int:
+    """The most entries of a column of lists, such as "condition.objects"; 0 for an empty table."""
+    compute = imported("pyarrow.compute", "data", "a Parquet table")
+    arrow = imported("pyarrow", "data", "a Parquet table")
+    most = 0
+    with _open(path) as file:
+        try:
+            for batch in file.iter_batches(1 << 16, columns=[name]):
+                column = batch.column(0)
+                for part in name.split(".")[1:]:
+                    column = compute.struct_field(column, part)
+                most = max(most, compute.max(compute.list_value_length(column)).as_py() or 0)
+        except (arrow.ArrowException, OSError) as error:
+            raise InputError(f"is damaged: {error}", file=path) from None
+        except IndexError:
+            raise InputError("the table has no such column", file=path, field=name) from None
+    return most

@@ -55,7 +55,9 @@ class TeamModel(AbstractModel):
         """No lines."""
         return ()
 
-    def load_data(self, training: Path, validation: Path) -> TrainingData:
+    def load_data(
+        self, training: Path, validation: Path, scratch: Path | None = None
+    ) -> TrainingData:
         """Encodes the states and computes their spread in the training set."""
         data, held_out = self._dataset(training), self._dataset(validation)
         z, mask = np.asarray(data.z), np.asarray(data.mask)

@@ -78,7 +78,9 @@ class BridgeModel(AbstractModel):
             for approach, rate in approaches(folder / "training.jsonl").items()
         ]
 
-    def load_data(self, training: Path, validation: Path) -> TrainingData:
+    def load_data(
+        self, training: Path, validation: Path, scratch: Path | None = None
+    ) -> TrainingData:
         """Windows of demonstrations, scaled by the statistics of the training set."""
         windows, scales = load_dataset(training, None, perturb=True)
         held_out, _ = load_dataset(validation, scales, perturb=True)
