@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 
-_GROUP = 65_536  # rows
+_GROUP = 16_384  # rows
 
 
 def repeat(source, out, size):
@@ -24,7 +24,9 @@ def repeat(source, out, size):
     table = pq.read_table(source)
     group = pyarrow.concat_tables([table] * max(1, _GROUP // len(table)))
     rows = 0
-    with pq.ParquetWriter(out, table.schema, compression="zstd", write_page_checksum=True) as file:
+    # Repeated rows would compress away.
+    plain = {"compression": "none", "use_dictionary": False}
+    with pq.ParquetWriter(out, table.schema, **plain, write_page_checksum=True) as file:
         while not out.exists() or out.stat().st_size < size:
             file.write_table(group)
             rows += len(group)

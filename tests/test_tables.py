@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, Literal, NotRequired, get_args, get_origin, get_type_hints, is_typeddict
 
+import numpy as np
 import pytest
 
 from deggflow import certificate, lines
@@ -18,7 +19,16 @@ from deggflow.tasks.tabletop.lines import LINES as SCENES
 
 arrow = pytest.importorskip("pyarrow")
 
-from deggflow.tables import columns, read_info, read_results, table_rows, write_rows  # noqa: E402
+from deggflow.tables import (  # noqa: E402
+    Episode,
+    EpisodeFormat,
+    columns,
+    read_info,
+    read_results,
+    table_rows,
+    write_lerobot,
+    write_rows,
+)
 
 
 @dataclass(frozen=True)
@@ -165,3 +175,38 @@ def test_without_the_extra_one_line_says_what_to_install(tmp_path, monkeypatch):
         InputError, match=r"needs the package pyarrow: pip install 'deggflow\[data\]'"
     ):
         read_info(tmp_path / "x.parquet")  # fmt: skip
+
+
+def test_episodes_lie_where_lerobot_looks_for_them(tmp_path):
+    """Counters, places, statistics and texts; benchmarks/lerobot_reader.py reads the same by LeRobot itself."""
+    form = EpisodeFormat("robot", "Do it.", 5, {"action": ("v", "w"), "observation.state": ("x",)})
+    rng = np.random.default_rng(0)
+    lengths, folder = (3, 1, 4), tmp_path / "set"
+    values = [rng.normal(size=(n, 3)) for n in lengths]
+    episodes = [Episode({"action": v[:, :2], "observation.state": v[:, 2:]}, k != 1, True) for k, v in enumerate(values)]  # fmt: skip
+    assert write_lerobot(folder, form, iter(episodes)) == 3
+    info = json.loads((folder / "meta/info.json").read_text())
+    assert (info["codebase_version"], info["total_episodes"], info["total_frames"]) == (
+        "v3.0",
+        3,
+        8,
+    )
+    assert info["features"]["action"] == {"dtype": "float32", "shape": [2], "names": ["v", "w"]}
+    place = {"chunk_index": 0, "file_index": 0}
+    frames = arrow.parquet.read_table(folder / info["data_path"].format(**place)).to_pydict()
+    assert set(frames) == set(info["features"])
+    np.testing.assert_allclose(np.array(frames["action"]), np.concatenate(values)[:, :2], atol=1e-6)
+    assert frames["index"] == list(range(8))
+    assert frames["episode_index"] == [0, 0, 0, 1, 2, 2, 2, 2]
+    assert frames["frame_index"] == [0, 1, 2, 0, 0, 1, 2, 3]
+    assert frames["next.success"] == [k in (2, 7) for k in range(8)]
+    np.testing.assert_allclose(frames["timestamp"][4:], [0, 0.2, 0.4, 0.6], atol=1e-7)
+    entries = arrow.parquet.read_table(folder / "meta/episodes/chunk-000/file-000.parquet")
+    assert entries["dataset_from_index"].to_pylist() == [0, 3, 4]
+    assert entries["dataset_to_index"].to_pylist() == [3, 4, 8]
+    stats = json.loads((folder / "meta/stats.json").read_text())["action"]
+    both = np.concatenate(values)[:, :2]
+    for name, expected in (("mean", both.mean(0)), ("std", both.std(0)), ("max", both.max(0))):
+        np.testing.assert_allclose(stats[name], expected, rtol=1e-12)
+    with pytest.raises(InputError, match="exists; choose another --out"):
+        write_lerobot(folder, form, iter(episodes))

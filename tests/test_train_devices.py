@@ -95,7 +95,7 @@ def test_records_are_read_by_number_and_known_by_their_source(tmp_path):
     with pytest.raises(InputError, match="was shortened while it was being read"):
         on_disk.rows(np.array([49]))
     some = jax.tree.map(lambda leaf: leaf[:1], data)
-    with pytest.raises(InputError, match="must have .* bytes, for 50 samples"):
+    with pytest.raises(InputError, match=r"must have .* bytes, for 50 samples"):
         StoredDataset(path, some)
     header_path(path).write_text("{")
     assert not is_stored(path, {"from": "here"})
@@ -104,7 +104,7 @@ def test_records_are_read_by_number_and_known_by_their_source(tmp_path):
 def test_devices_that_can_not_divide_a_batch_are_refused(tmp_path):
     data = dataset(0, 5)
     config = TrainingConfig(steps=4, batch=3, validate_every=2)
-    with pytest.raises(ValueError, match="`batch` must be a multiple of .* devices, 2; got 3"):
+    with pytest.raises(ValueError, match=r"`batch` must be a multiple of .* devices, 2; got 3"):
         train(field(), data, data, config, tmp_path, devices=jax.devices() * 2)
 
 

@@ -3,11 +3,12 @@
 import inspect
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 from tyro.extras import SubcommandApp
 
+from deggflow.extras import imported
 from deggflow.jsonl import InputError
 from deggflow.shards import parse_shard
 from deggflow.task import check_range
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
     from deggflow.flow import Field
 
+Engine = Literal["local", "ray"]
 PICTURES = 12  # lines of a file that are drawn by default
 
 
@@ -52,6 +54,15 @@ def _with_options(
             positional = tyro.conf.arg(metavar=nouns.upper())
             function.__annotations__["file"] = Annotated[Path, tyro.conf.Positional, positional]
     return command
+
+
+def check_engine(engine: Engine, address: str | None, cpus: int) -> None:
+    """Raises `InputError` unless the options of the engine go together and the engine is installed."""
+    check_range("cpus", cpus, 1, 1024)
+    if engine == "ray":
+        imported("ray", "ray", "--engine ray")
+    elif address is not None:
+        raise InputError("--address goes with --engine ray")
 
 
 def _data(entry: AbstractEntry) -> Callable[..., int]:
@@ -140,7 +151,13 @@ def _train(entry: AbstractEntry) -> Callable[..., int]:
 
 
 def _generate(entry: AbstractEntry) -> Callable[..., int]:
-    def generate(options: Any, shard: str | None = None) -> int:
+    def generate(
+        options: Any,
+        shard: str | None = None,
+        engine: Engine = "local",
+        address: str | None = None,
+        cpus: int = 2,
+    ) -> int:
         """Generate results, each with its certificate, as JSON Lines.
 
         Exit code 0: every result satisfies its requirements (or --guidance none); 3: some do not, and their lines
@@ -149,11 +166,16 @@ def _generate(entry: AbstractEntry) -> Callable[..., int]:
         Args:
             options: What to generate, and how.
             shard: k/n: generate only shard number k of n; `deggflow merge` joins the files into that of the whole run.
+            engine: local: this process; ray: the workers of a Ray cluster, with the same lines.
+            address: Address of a running Ray cluster; default: one that is started on this machine.
+            cpus: With --engine ray, CPUs of each chunk that is generated at a time.
         """
+        check_engine(engine, address, cpus)
         part_of_run = parse_shard(shard)
         prepare_jax()
         from deggflow.output import check_written
 
+        from .cluster import Cluster, Work, chunks_by
         from .runs import (
             check_output,
             condition_source,
@@ -184,6 +206,9 @@ def _generate(entry: AbstractEntry) -> Callable[..., int]:
             source = source.of_part(part)
 
         def chunks(first: int, bars: "Progress") -> Iterator[list[Any]]:
+            if engine == "ray":
+                work = Work(entry.name, options, settings["made_with"])
+                return chunks_by(Cluster(address, cpus), work, source, chunking.size, first)
             return generate_results(generator, source, options, first, bars, chunking)
 
         failed = write_results(
@@ -218,25 +243,43 @@ def _certify(entry: AbstractEntry) -> Callable[..., int]:
 
 
 def _evaluate(entry: AbstractEntry) -> Callable[..., int]:
-    def evaluate(options: Any, shard: str | None = None) -> int:
+    def evaluate(
+        options: Any,
+        shard: str | None = None,
+        engine: Engine = "local",
+        address: str | None = None,
+        cpus: int = 2,
+    ) -> int:
         """Measure the success of nominal and guided generation; an independent oracle checks every claim.
 
         Args:
             options: What to measure, and on how many cases.
             shard: k/n: measure only shard number k of n of the rows. With the merged file as --out, the command without --shard prints the tables.
+            engine: local: this process; ray: the workers of a Ray cluster, with the same rows.
+            address: Address of a running Ray cluster; default: one that is started on this machine.
+            cpus: With --engine ray, CPUs of each row that is measured at a time.
         """
+        check_engine(engine, address, cpus)
         part = parse_shard(shard, options.out)
         prepare_jax()
         from deggflow.output import check_written
 
-        from .runs import digest_of_weights, run_jobs
+        from .cluster import Cluster, Work, rows_by
+        from .runs import digest_of_weights, provenance, run_jobs
         from .tables import show
 
         if not options.sizes:
             raise InputError("--sizes must name at least one size")
         task, digest = entry.load_task(), digest_of_weights(options.weights)
         evaluation = task.evaluation(task.model.load(options.weights), options, digest)
-        rows = run_jobs(evaluation.jobs, evaluation.row, evaluation.settings, options.out, part)
+        if engine == "ray":
+            work = Work(entry.name, options, provenance(task.model, options.weights))
+            jobs = rows_by(
+                Cluster(address, cpus), work, digest, evaluation.row, evaluation.jobs, part
+            )
+        else:
+            jobs = evaluation.jobs
+        rows = run_jobs(jobs, evaluation.row, evaluation.settings, options.out, part)
         if part is None:
             for table in evaluation.tables(rows):
                 show(table)

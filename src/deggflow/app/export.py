@@ -10,20 +10,28 @@ import tyro
 
 from deggflow.jsonl import MAX_LINE, InputError, parse_line, quoted
 
-from .registry import SHIPPED, AbstractEntry, registered
-from .session import SATISFIED, console
+from .registry import SHIPPED, ShippedEntry, entry_named
+from .session import SATISFIED, console, prepare_jax
 
 DATA = ("training", "validation")  # files of a folder that `data` writes
 
 
-def export(file: Annotated[Path, tyro.conf.Positional], out: Path, task: str | None = None) -> int:
+def export(
+    file: Annotated[Path, tyro.conf.Positional],
+    out: Path,
+    task: str | None = None,
+    lerobot: bool = False,
+) -> int:
     """Write results, or training data, as a Parquet table; or a table as JSON Lines.
 
     Args:
         file: File of results, as `generate` writes it, or a table; or a folder of training data.
         out: File that receives them: a table if it ends in .parquet, else JSON Lines. For a folder: a folder, which receives tables.
         task: Name of the task, if neither the settings beside the file nor its keys tell.
+        lerobot: Write trials as a LeRobot data set (layout v3.0) into the folder --out.
     """
+    if lerobot:
+        return _export_episodes(file, out)
     if not file.is_dir():
         _export(file, out, task)
         return SATISFIED
@@ -62,6 +70,39 @@ def _export(file: Path, out: Path, task: str | None) -> None:
 
             write_atomically(settings_path(out), json.dumps(settings, indent=2) + "\n")
     console().print(f"{count} rows are in {out}.", markup=False)
+
+
+def _export_episodes(file: Path, out: Path) -> int:
+    prepare_jax()
+    import importlib
+
+    from deggflow.tables import Episode, is_table, read_info, table_rows, write_lerobot
+    from deggflow.tables.parquet import kind_of
+
+    if is_table(file):
+        entry = entry_named(str(read_info(file).about.get("task")))
+        rows = table_rows(file, kind_of(file, entry.load_lines()))
+    else:
+        rows = read_rows(file)
+        first = next(rows, None)
+        entry = entry_named(kind_of_line(first, {}).task)
+        rows = chain([first] if first else [], rows)
+    if not isinstance(entry, ShippedEntry) or entry.episodes is None:
+        raise InputError(f"{entry.noun}s are no episodes: nothing moves in time", file=file)
+    module, parse = importlib.import_module(entry.episodes), entry.load_task().parse_result
+
+    def episodes() -> Iterator[Episode]:
+        for number, row in enumerate(rows, start=1):
+            try:
+                result = parse(row)
+            except InputError as error:
+                raise InputError(error.reason, file=file, line=number, field=error.field) from None
+            if len(result.twists):  # a trial that ended at once has no frame
+                yield module.episode(result)
+
+    count = write_lerobot(out, module.FORMAT, episodes())
+    console().print(f"{count} episodes are in {out}.", markup=False)
+    return SATISFIED
 
 
 def read_rows(file: Path) -> Iterator[dict[str, Any]]:
@@ -114,16 +155,6 @@ class LineKind(NamedTuple):
 
     task: str
     line: type[Any]
-
-
-def entry_named(name: str) -> AbstractEntry:
-    """The entry of a task; raises `InputError` if there is none of this name."""
-    entries: list[AbstractEntry] = [*SHIPPED, *registered([entry.name for entry in SHIPPED])]
-    for entry in entries:
-        if entry.name == name:
-            return entry
-    known = ", ".join(entry.name for entry in entries)
-    raise InputError(f"--task: there is no task {name!r}; known are {known}")
 
 
 def kind_of_line(value: Any, settings: Mapping[str, Any], task: str | None = None) -> LineKind:

@@ -69,6 +69,7 @@ class ShippedEntry(AbstractEntry):
         lines: "module:object" of the types of its lines, likewise.
         task: "module:class" of its `AbstractTask`.
         pictures: "module:class" of its `AbstractPictures`.
+        episodes: Module with `FORMAT` and `episode`, if its results are episodes of a LeRobot data set.
     """
 
     name: str
@@ -78,6 +79,7 @@ class ShippedEntry(AbstractEntry):
     lines: str
     task: str
     pictures: str
+    episodes: str | None = None
 
     @property
     def noun(self) -> str:
@@ -123,6 +125,7 @@ SHIPPED = (
         "deggflow.tasks.bridge.lines:LINES",
         "deggflow.tasks.bridge.task:BridgeTask",
         "deggflow.view.bridge.results:BridgePictures",
+        "deggflow.tasks.bridge.lerobot",
     ),
 )
 
@@ -182,3 +185,13 @@ def registered(shipped: Sequence[str]) -> list[RegisteredEntry]:
     return [
         RegisteredEntry(point) for point in entry_points(group=GROUP) if point.name not in shipped
     ]
+
+
+def entry_named(name: str) -> AbstractEntry:
+    """The entry of a task; raises `InputError` if there is none of this name."""
+    entries: list[AbstractEntry] = [*SHIPPED, *registered([entry.name for entry in SHIPPED])]
+    for entry in entries:
+        if entry.name == name:
+            return entry
+    known = ", ".join(entry.name for entry in entries)
+    raise InputError(f"--task: there is no task {name!r}; known are {known}")
