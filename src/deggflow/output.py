@@ -75,6 +75,11 @@ class ResumableOutput:
         self.path, self.settings = Path(path), dict(settings)
         if self.path.is_dir():
             raise InputError("is a folder; name a file", file=self.path)
+        if self.path.suffix == ".parquet":
+            raise InputError(
+                "names a table, which can't be written line by line; name a .jsonl file, and make a table of it by "
+                "`deggflow export`", file=self.path,
+            )  # fmt: skip
         self.run = settings_path(self.path)
         self._count, self._belongs, self._on_row = count, belongs, on_row
         self._file: BinaryIO | None = None
@@ -179,8 +184,12 @@ class ResumableOutput:
 
     def append(self, rows: Sequence[Mapping[str, Any]]) -> None:
         """Writes finished rows and flushes them to disk; raises `InputError` if that fails."""
+        self.append_lines([json.dumps(row, allow_nan=False) for row in rows])
+
+    def append_lines(self, lines: Sequence[str]) -> None:
+        """As `append`, of rows that are JSON text already."""
         assert self._file is not None
-        content = b"".join(json.dumps(row, allow_nan=False).encode() + b"\n" for row in rows)
+        content = "".join(f"{line}\n" for line in lines).encode()
         try:
             self._file.write(content)
             self._file.flush()
@@ -194,7 +203,7 @@ class ResumableOutput:
                 file=self.path,
             ) from None
         self._digest.update(content)
-        self.done += len(rows)
+        self.done += len(lines)
 
     def _check_still_there(self) -> None:
         """Raises `InputError` unless the open file is the one that its path names."""

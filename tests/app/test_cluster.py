@@ -20,10 +20,13 @@ def test_workers_make_the_lines_of_one_process(inside, tmp_path, small_weights):
     options = TabletopGenerate(size=4, count=3, guidance="none", weights=small_weights)
     made_with = provenance(TabletopModel(), small_weights)
     work = Work("tabletop", options, made_with)
-    assert generate_chunk(work, Part(0, 3, 3), 512, None).splitlines() == whole
-    conditions = [json.loads(line)["condition"] for line in whole]
+    text, failed = generate_chunk(work, Part(0, 3, 3), 512, None)
+    assert text.split("\n") == whole
+    rows = [json.loads(line) for line in whole]
+    assert failed == [not row["certificate"]["satisfied"] for row in rows]
+    conditions = [row["condition"] for row in rows]
     given = work._replace(options=TabletopGenerate(guidance="none", weights=small_weights))
-    assert generate_chunk(given, Part(0, 3, 3), 512, conditions).splitlines() == whole
+    assert generate_chunk(given, Part(0, 3, 3), 512, conditions)[0].split("\n") == whole
     with pytest.raises(InputError, match="a worker has other weights or another version"):
         generate_chunk(work._replace(made_with={}), Part(0, 3, 3), 512, None)
     with pytest.raises(InputError, match="a worker has other weights or another version"):

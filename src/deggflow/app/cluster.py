@@ -8,9 +8,8 @@ import json
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache, partial
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from deggflow.extras import imported
 from deggflow.jsonl import InputError
@@ -19,27 +18,10 @@ from deggflow.shards import Part, Shard
 
 from .registry import AbstractEntry, entry_named
 
-AHEAD = 2  # tasks in flight for each that runs
+if TYPE_CHECKING:
+    from .runs import FinishedLines
 
-
-@dataclass(frozen=True)
-class Line:
-    """A result that a worker has made: its JSON object.
-
-    Attributes:
-        row: The object.
-    """
-
-    row: Mapping[str, Any]
-
-    @property
-    def condition(self) -> Any:
-        """The condition's JSON object."""
-        return self.row["condition"]
-
-    def to_json(self) -> Mapping[str, Any]:
-        """The JSON object for a file."""
-        return self.row
+AHEAD = 16  # tasks in flight for each that runs: results are written in order, and others go on while one is computed again
 
 
 class Work(NamedTuple):
@@ -123,8 +105,10 @@ def _entry(name: str) -> AbstractEntry:
 _GENERATORS: dict[str, Any] = {}  # of a worker; its programs stay compiled
 
 
-def generate_chunk(work: Work, part: Part, chunk: int, conditions: Sequence[Any] | None) -> str:
-    """On a worker: the lines of one chunk, as text.
+def generate_chunk(
+    work: Work, part: Part, chunk: int, conditions: Sequence[Any] | None
+) -> tuple[str, list[bool]]:
+    """On a worker: the lines of one chunk as one text, and whether each failed.
 
     Args:
         work: What all chunks have in common.
@@ -134,7 +118,7 @@ def generate_chunk(work: Work, part: Part, chunk: int, conditions: Sequence[Any]
     """
     from deggflow.task import Chunking
 
-    from .runs import ConditionSource, generate_results, provenance
+    from .runs import ConditionSource, finished_lines, generate_results, provenance
     from .session import progress
 
     task, options = _entry(work.task).load_task(), work.options
@@ -153,8 +137,9 @@ def generate_chunk(work: Work, part: Part, chunk: int, conditions: Sequence[Any]
     source: ConditionSource[Any] = ConditionSource(part.lines, 0, draw, first=part.first)
     with progress(hidden=True) as bars:
         some = generate_results(_GENERATORS[key], source, options, 0, bars, Chunking(chunk))
-        rows = [result.to_json() for results in some for result in results]
-    return "\n".join(json.dumps(row, allow_nan=False) for row in rows)
+        results = [result for part_of_chunk in some for result in part_of_chunk]
+    finished = finished_lines(results, lambda row: task.fails(row, guided=options.guided))
+    return "\n".join(finished.lines), list(finished.failed)
 
 
 def measure_row(work: Work, weights: str | None, number: int) -> str:
@@ -170,8 +155,10 @@ def measure_row(work: Work, weights: str | None, number: int) -> str:
 
 def chunks_by(
     cluster: Cluster, work: Work, source: Any, chunk: int, first: int
-) -> Iterator[list[Line]]:
-    """Results of a run or a shard from number `first` on, chunk by chunk, as `runs.generate_results` yields them."""
+) -> "Iterator[FinishedLines]":
+    """Results of a run or a shard from number `first` on, chunk by chunk."""
+    from .runs import FinishedLines
+
     starts = range(first // chunk * chunk, source.count, chunk)
 
     def calls() -> Iterator[tuple[Any, ...]]:
@@ -181,9 +168,10 @@ def chunks_by(
             given = None if source.size else [c.to_json() for c in source.part(start, count)]
             yield work, part, chunk, given
 
-    for start, text in zip(starts, cluster.each(generate_chunk, calls()), strict=True):
-        rows = [Line(json.loads(line)) for line in text.split("\n")]
-        yield rows[max(0, first - start) :]
+    for start, (text, failed) in zip(starts, cluster.each(generate_chunk, calls()), strict=True):
+        written = max(0, first - start)
+        # Not parsed here: this process handles the lines of all workers.
+        yield FinishedLines(text.split("\n")[written:], failed[written:])
 
 
 def rows_by(

@@ -205,7 +205,7 @@ def _generate(entry: AbstractEntry) -> Callable[..., int]:
             settings |= part_of_run.settings(part)
             source = source.of_part(part)
 
-        def chunks(first: int, bars: "Progress") -> Iterator[list[Any]]:
+        def chunks(first: int, bars: "Progress") -> Iterator[Any]:
             if engine == "ray":
                 work = Work(entry.name, options, settings["made_with"])
                 return chunks_by(Cluster(address, cpus), work, source, chunking.size, first)

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 from deggflow import __version__
 from deggflow.jsonl import InputError
@@ -73,6 +73,18 @@ def check_output(out: Path | None, settings: Mapping[str, Any]) -> None:
     """Refuses a file of another run before anything is computed; the file is checked again once it is locked."""
     if out is not None:
         ResumableOutput(out, settings)
+
+
+class FinishedLines(NamedTuple):
+    """Results as they stand in a file.
+
+    Attributes:
+        lines: Their JSON objects as text.
+        failed: Whether each failed.
+    """
+
+    lines: Sequence[str]
+    failed: Sequence[bool]
 
 
 @dataclass(frozen=True)
@@ -198,7 +210,7 @@ def write_results(
     source: ConditionSource[Any],
     label: str,
     fails: Callable[[Mapping[str, Any]], bool],
-    chunks: "Callable[[int, Progress], Iterator[list[R]]]",
+    chunks: "Callable[[int, Progress], Iterator[Sequence[R] | FinishedLines]]",
 ) -> int:
     """Writes results to stdout or appends them to a file; returns the number of failed ones.
 
@@ -208,7 +220,7 @@ def write_results(
         source: Conditions of the results.
         label: Text beside the progress bar.
         fails: Whether a result, as a JSON object, fails.
-        chunks: Maps the number of the first result to results, a few at a time; may add progress bars.
+        chunks: Maps the number of the first result to results, a few at a time, as objects or as text; may add progress bars.
     """
     failed = 0
 
@@ -222,27 +234,33 @@ def write_results(
     with progress(hidden=out is None) as bars:
         bar = bars.add_task(label, total=source.count)
         if out is None:
-            return sum(_print(results, fails) for results in chunks(0, bars))
+            for results in chunks(0, bars):
+                some = finished_lines(results, fails)
+                for line in some.lines:
+                    print(line, flush=True)
+                failed += sum(some.failed)
+            return failed
         target = ResumableOutput(
             out, settings, count=source.count, belongs=source.belongs, on_row=count_failure
         )
         with target as lines:
             bars.update(bar, completed=lines.done)
             for results in chunks(lines.done, bars):
-                rows = [result.to_json() for result in results]
-                lines.append(rows)
-                failed += sum(map(fails, rows))
-                bars.advance(bar, len(rows))
+                some = finished_lines(results, fails)
+                lines.append_lines(some.lines)
+                failed += sum(some.failed)
+                bars.advance(bar, len(some.lines))
     return failed
 
 
-def _print(results: Sequence[Written], fails: Callable[[Mapping[str, Any]], bool]) -> int:
-    failed = 0
-    for result in results:
-        row = result.to_json()
-        print(json.dumps(row, allow_nan=False), flush=True)
-        failed += fails(row)
-    return failed
+def finished_lines(
+    results: Sequence[Written] | FinishedLines, fails: Callable[[Mapping[str, Any]], bool]
+) -> FinishedLines:
+    """Results as text, unless they are text already."""
+    if isinstance(results, FinishedLines):
+        return results
+    rows = [result.to_json() for result in results]
+    return FinishedLines([json.dumps(row, allow_nan=False) for row in rows], [*map(fails, rows)])
 
 
 def run_jobs(

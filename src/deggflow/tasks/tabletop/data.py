@@ -13,6 +13,7 @@ from deggflow.blocks import padded_batch
 from deggflow.certificate import Certificate
 from deggflow.files import StrPath
 from deggflow.jsonl import InputError
+from deggflow.locks import locked
 from deggflow.redraw import Candidate, redraw_until_satisfied
 from deggflow.tables import longest_list, table_rows
 from deggflow.train import Dataset, StoredDataset
@@ -119,9 +120,11 @@ def stored_dataset(path: StrPath, out: Path) -> StoredDataset:
         )
     agents, status = padded_size(most), Path(path).stat()
     source = {"bytes": status.st_size, "changed": status.st_mtime_ns, "agents": agents}
-    if not is_stored(out, source):
-        chunks = (_encoded(some, agents) for some in _batches(_arrangements(path)))
-        store(out, chunks, source)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with locked(out, wait=True):  # processes that train together share the file
+        if not is_stored(out, source):
+            chunks = (_encoded(some, agents) for some in _batches(_arrangements(path)))
+            store(out, chunks, source)
     first = list(islice(_arrangements(path), 1))
     return StoredDataset(out, _encoded(first, agents))
 
