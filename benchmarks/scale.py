@@ -251,11 +251,13 @@ def report(data):
         print(
             f"a row of a table: {data['table'][0]:.0f} bytes, {1e6 * data['table'][1]:.0f} us to export"
         )
-    print("\nscenes        core-hours   JSON Lines   Parquet")
+    print("\nscenes        core-hours   64 workers  1,000 workers   JSON Lines   Parquet")
     for count in (10**6, 10**8, 10**9):
-        table = f"{count * data['table'][0] / 1e9:,.1f} GB" if data["table"] else "-"
+        hours = [simulate(times, scene["start"], -(-count // CHUNK), w) / 3600 for w in (64, 1000)]
+        sizes = [scene["bytes"], *(data["table"] or [])[:1]]
         print(
-            f"{count:<13,} {count * each / 3600:>10,.1f} {count * scene['bytes'] / 1e9:>9,.1f} GB   {table}"
+            f"{count:<13,} {count * each / 3600:>10,.1f} {hours[0]:>10.2f} h {hours[1]:>11.3f} h   "
+            + "   ".join(f"{count * size / 1e9:,.1f} GB" for size in sizes)
         )
     rounds = data["rounds"]
     ratios = [one / two for one, two in rounds["seconds"]]
