@@ -32,7 +32,7 @@ if TYPE_CHECKING:
         TrainOptions,
         check_range,
     )
-    from .training import train_field
+    from .training import data_files, train_field
 
 # Modules are loaded when first used: options are parsed before JAX is imported.
 _HOME = {
@@ -64,7 +64,7 @@ _HOME = {
         "TrainOptions",
         "check_range",
     ),
-    "training": ("train_field",),
+    "training": ("data_files", "train_field"),
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
 
@@ -93,6 +93,7 @@ __all__ = [
     "TrainOptions",
     "TrainingData",
     "check_range",
+    "data_files",
     "train_field",
     "write_data",
 ]

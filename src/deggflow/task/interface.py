@@ -10,6 +10,7 @@ from deggflow.consistency import Line, Unverified, Wrong
 from deggflow.files import StrPath
 from deggflow.flow import Field
 from deggflow.jsonl import read_lines
+from deggflow.tables import read_results
 
 from .model import AbstractModel
 from .options import EvaluateOptions, GenerateOptions, TaskOptions
@@ -195,6 +196,11 @@ class AbstractTask(ABC, Generic[C, R]):
 
     @property
     @abstractmethod
+    def lines(self) -> Sequence[type[Any]]:
+        """Types of the lines of its files, as of `deggflow.lines`: of results, then of demonstrations if these differ."""
+
+    @property
+    @abstractmethod
     def model(self) -> AbstractModel:
         """Demonstrations, field and weights."""
 
@@ -243,9 +249,9 @@ class AbstractTask(ABC, Generic[C, R]):
         return read_lines(path, self.parse_condition, f"{self.name} condition")
 
     def read_results(self, path: StrPath) -> list[tuple[R, Line]]:
-        """The results of a file, each with its line; raises `InputError` for the first invalid one."""
+        """The results of a JSON Lines file or a table, each with its line; raises `InputError` for the first invalid one."""
         what = f"{self.name} {self.noun}"
-        return read_lines(path, lambda line: (self.parse_result(line), line), what)
+        return read_results(path, lambda line: (self.parse_result(line), line), what, self.lines)
 
 
 @dataclass(frozen=True)

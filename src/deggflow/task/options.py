@@ -7,6 +7,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 from deggflow.jsonl import InputError
 
 MAX_COUNT = 1_000_000
+MAX_RESULTS = 1_000_000_000  # of one run of `generate`, for instance in shards
 MAX_SEED = 2**31 - 1  # JAX's keys are made from 32-bit integers
 MAX_DRAWS = 10_000
 

@@ -24,6 +24,7 @@ from .consistency import UNVERIFIED, contradictions, other_condition
 from .field import BridgeField
 from .formats import parse_condition, parse_trial
 from .generator import BridgeGenerator, Round
+from .lines import LINES
 from .model import BridgeModel
 from .options import OPTIONS, BridgeEvaluate, BridgeGenerate
 from .oracle import fastest_contact, refutation
@@ -85,6 +86,7 @@ class BridgeTask(AbstractTask[TrialCondition, Trial]):
     name = "bridge"
     noun = "trial"
     sizes = (MIN_ROBOTS, MAX_ROBOTS)
+    lines = LINES
     options = OPTIONS
     unverified = UNVERIFIED
     claim = Claim("trial bridges the gap", "trials bridge the gap")
