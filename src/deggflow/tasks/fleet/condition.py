@@ -96,8 +96,7 @@ class FleetArrays(NamedTuple):
         radius: Of every robot.
         speed_limit: Longest step.
         bounds: Least x and y, largest x and y.
-        boxes: Centre and full sizes of boxes.
-        discs: Centre and radius of discs.
+        solids: Boxes and discs as grown boxes: centre, half sizes, and the radius by which they are grown.
         triangles: Corners of convex pieces of polygons, counter-clockwise.
     """
 
@@ -107,8 +106,7 @@ class FleetArrays(NamedTuple):
     radius: Scalar
     speed_limit: Scalar
     bounds: Float[Array, " 4"]
-    boxes: Float[Array, "boxes 4"]
-    discs: Float[Array, "discs 3"]
+    solids: Float[Array, "solids 5"]
     triangles: Float[Array, "triangles 3 2"]
 
 
@@ -117,14 +115,12 @@ class Padding(NamedTuple):
 
     Attributes:
         agents: Robots.
-        boxes: Boxes.
-        discs: Discs.
+        solids: Boxes and discs.
         triangles: Pieces of polygons.
     """
 
     agents: int
-    boxes: int
-    discs: int
+    solids: int
     triangles: int
 
 
@@ -143,6 +139,13 @@ def triangles(floor: FloorMap) -> Float[np.ndarray, "triangles 3 2"]:
     return np.concatenate([np.zeros((0, 3, 2)), *(polygon.triangles(ring) for ring in rings)])
 
 
+def solids(floor: FloorMap) -> Float[np.ndarray, "solids 5"]:
+    """Boxes and discs as grown boxes: centre, half sizes, radius."""
+    rows = [(x, y, w / 2, h / 2, 0.0) for x, y, w, h in floor.boxes]
+    rows += [(x, y, 0.0, 0.0, r) for x, y, r in floor.discs]
+    return np.array(rows).reshape(-1, 5)
+
+
 def padding(conditions: Sequence[FleetCondition]) -> Padding:
     """Sizes that hold every one of some conditions."""
     floors = {id(condition.floor): condition.floor for condition in conditions}.values()
@@ -150,9 +153,7 @@ def padding(conditions: Sequence[FleetCondition]) -> Padding:
         padded_size(max(len(condition.robots) for condition in conditions)),
         *(
             _places(max(sizes))
-            for sizes in zip(
-                *((len(f.boxes), len(f.discs), len(triangles(f))) for f in floors), strict=True
-            )
+            for sizes in zip(*((len(solids(f)), len(triangles(f))) for f in floors), strict=True)
         ),
     )
 
@@ -179,8 +180,7 @@ def _one(condition: FleetCondition, sizes: Padding) -> FleetArrays:
         np.float32(condition.radius),
         np.float32(condition.speed_limit),
         np.float32(floor.bounds),
-        _filled(np.reshape(floor.boxes, (-1, 4)), sizes.boxes, np.array([NOWHERE, NOWHERE, 1, 1])),
-        _filled(np.reshape(floor.discs, (-1, 3)), sizes.discs, np.array([NOWHERE, NOWHERE, 1])),
+        _filled(solids(floor), sizes.solids, np.array([NOWHERE, NOWHERE, 1, 1, 0])),
         _filled(triangles(floor), sizes.triangles, corners),
     )
 
