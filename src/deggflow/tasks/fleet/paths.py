@@ -40,6 +40,24 @@ def to_path(
     return line + weights @ z.reshape(*z.shape[:-1], MODES, 2)
 
 
+def exact_path(
+    z: Float[np.ndarray, "agents 124"],
+    starts: Float[np.ndarray, "agents 2"],
+    goals: Float[np.ndarray, "agents 2"],
+) -> Float[np.ndarray, "agents 64 2"]:
+    """Paths in float64, with exactly the starts and goals: what is judged and written.
+
+    Example:
+        >>> exact_path(np.zeros((1, 124)), np.zeros((1, 2)), np.array([[0.1, 0.3]]))[0, -1].tolist()
+        [0.1, 0.3]
+    """
+    modes = np.asarray(z, np.float64).reshape(len(z), MODES, 2)
+    line = (1 - _SHARE) * starts[:, None] + _SHARE * goals[:, None]
+    path = line + (BASIS * SCALES) @ modes
+    path[:, 0], path[:, -1] = starts, goals
+    return path
+
+
 def to_modes(path: Float[np.ndarray, "*agents 64 2"]) -> Float[np.ndarray, "*agents 124"]:
     """States of paths, the inverse of `to_path`.
 
