@@ -42,9 +42,7 @@ def choose(
         chosen, placed = np.zeros(len(paths), int), np.zeros(len(paths), bool)
         for robot in rng.permutation(len(paths)):
             others = robots[placed]
-            chosen[robot] = np.argmin(
-                cost[robot] + table[robot][:, others, chosen[others]].sum(-1)
-            )
+            chosen[robot] = np.argmin(cost[robot] + table[robot][:, others, chosen[others]].sum(-1))
             placed[robot] = True
         for _ in range(SWEEPS):
             before = chosen.copy()

@@ -149,7 +149,9 @@ def _held(
     reach = stop[..., None] * (1 - _WAIT)
     before = np.minimum(progress / (1 - _WAIT), stop[..., None])
     after = stop[..., None] + np.maximum(progress - reach - _WAIT, 0.0) / (1 - _WAIT)
-    return np.where(stop[..., None] < 0, progress, np.where(progress < reach + _WAIT, before, after))
+    return np.where(
+        stop[..., None] < 0, progress, np.where(progress < reach + _WAIT, before, after)
+    )
 
 
 def _timed(

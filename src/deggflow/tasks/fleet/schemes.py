@@ -65,8 +65,6 @@ def random_points(floor: FloorMap, count: int, rng: np.random.Generator) -> Poin
     raise InputError(f"no room for {count} starts or goals {SPACING} apart on this map")
 
 
-def random_scheme(
-    floor: FloorMap, count: int, rng: np.random.Generator
-) -> tuple[Points, Points]:
+def random_scheme(floor: FloorMap, count: int, rng: np.random.Generator) -> tuple[Points, Points]:
     """Random starts and goals, each as `random_points`."""
     return random_points(floor, count, rng), random_points(floor, count, rng)
