@@ -5,10 +5,12 @@ to the right; counter-clockwise on highways; by way of a waiting point on drop_r
 """
 
 from functools import lru_cache
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
+from scipy.ndimage import gaussian_filter1d
 
 from .choice import choose, least_distance
 from .clearance import clearance, within
@@ -18,9 +20,10 @@ from .paths import WAYPOINTS
 from .roadmap import Roadmap, make_roadmap
 
 ROUTES, SHAPES = 4, 5  # candidates of a robot: routes, and bends and timings of each
-ATTEMPTS = 4  # draws of candidates for a team without conflicts
+ATTEMPTS = 8  # choices of a team, with new candidates each
 CLEAR = 0.006  # map units, room between a disc and an obstacle or the bounds along a demonstration
 SPARE = 0.002  # map units, beyond the least distance of two robots
+BLOCKED = 50.0  # cost of a candidate that is not clear or too fast
 PACE = 0.95  # largest share of the speed limit
 VARIANTS = 24  # weightings of the roadmaps of named maps
 _FINE = 257  # points of a way before its timing
@@ -86,8 +89,6 @@ def _stops(name: str, start: Point, goal: Point, rng: np.random.Generator) -> li
 
 
 def _rounded(corners: Float[np.ndarray, "corners 2"]) -> tuple[Float[np.ndarray, "fine 2"], float]:
-    from scipy.ndimage import gaussian_filter1d
-
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=-1))])
     share = np.linspace(0.0, along[-1], _FINE)
     points = np.stack([np.interp(share, along, corners[:, axis]) for axis in (0, 1)], axis=-1)
@@ -101,7 +102,7 @@ def _rounded(corners: Float[np.ndarray, "corners 2"]) -> tuple[Float[np.ndarray,
 def _way(roads: Roadmap, name: str, start: Point, goal: Point, rng: np.random.Generator) -> Way:
     stops = [start, *_stops(name, start, goal, rng), goal]
     variant = int(rng.integers(len(roads.length)))
-    legs = [roads.way(variant, a, b) for a, b in zip(stops[:-1], stops[1:], strict=True)]
+    legs = [roads.way(variant, a, b) for a, b in pairwise(stops)]
     corners = np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])])
     points, length = _rounded(corners)
     if name != "drop_region":
@@ -200,16 +201,17 @@ def candidates(
 
 
 def demonstrate(condition: FleetCondition, rng: np.random.Generator) -> Team:
-    """Paths of a team: the first choice without a conflict, or of a few the one with the widest least distance."""
-    best: Team | None = None
+    """Paths of a team: robots choose among candidates, and among new ones and the last choice while a conflict is left."""
+    paths, cost, valid = candidates(condition, rng)
+    robots, least = np.arange(len(paths)), APART * condition.radius + SPARE
     for _ in range(ATTEMPTS):
-        paths, cost, valid = candidates(condition, rng)
-        chosen: Int[np.ndarray, " robots"] = choose(paths, cost + np.where(valid, 0.0, 50.0), rng)
-        robots = np.arange(len(chosen))
+        chosen = choose(paths, cost + np.where(valid, 0.0, BLOCKED), rng)
         team = Team(paths[robots, chosen], least_distance(paths[robots, chosen]))
-        if best is None or team.apart > best.apart:
-            best = team
-        if team.apart >= APART * condition.radius + SPARE and valid[robots, chosen].all():
-            return team
-    assert best is not None
-    return best
+        kept = tuple(each[robots, chosen][:, None] for each in (paths, cost, valid))
+        if team.apart >= least and kept[2].all():
+            break
+        drawn = candidates(condition, rng)
+        paths, cost, valid = (
+            np.concatenate(pair, axis=1) for pair in zip(kept, drawn, strict=True)
+        )
+    return team
