@@ -111,6 +111,14 @@ SHIPPED = (
         "deggflow.tasks.bridge.task:BridgeTask",
         "deggflow.view.bridge.results:BridgePictures",
     ),
+    ShippedEntry(
+        "fleet",
+        "Paths of robots that share a floor, clear of obstacles and of each other.",
+        "plan",
+        "deggflow.tasks.fleet.options:OPTIONS",
+        "deggflow.tasks.fleet.task:FleetTask",
+        "deggflow.view.fleet.results:FleetPictures",
+    ),
 )
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from .condition import FleetCondition, solids
 from .requirements import BUFFER, Crowding
 
-ROOM = 1.1  # factor on the reach, for the smoothing of distances
+ROOM = 0.001  # map units, for the smoothing of distances and rounding
 
 
 def crowding(conditions: Sequence[FleetCondition]) -> Crowding:
@@ -27,7 +27,7 @@ def crowding(conditions: Sequence[FleetCondition]) -> Crowding:
         polygons = polygons or bool(key.floor.polygons)
         if not len(rows):
             continue
-        reach = ROOM * (key.radius + BUFFER + key.speed_limit / 2)
+        reach = key.radius + BUFFER + key.speed_limit / 2 + ROOM
         gap = (
             np.abs(rows[:, None, :2] - rows[None, :, :2]) - rows[:, None, 2:4] - rows[None, :, 2:4]
         )

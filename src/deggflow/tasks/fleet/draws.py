@@ -75,6 +75,8 @@ class ChosenThenGuided:
         guard: StepGuard | None,
         keep_trace: bool,
     ) -> Generation:
+        """Args: as of `masked_batch`, with noise of several candidates and `Draw`s as conditions."""
+
         def start(noise: Float[Array, "candidates agents dim"], draw: Draw) -> States:
             nominal = predictions(field, drift, noise, draw)
             return best_response(nominal, draw.arrays, self.crowding)

@@ -38,7 +38,7 @@ def pair_costs(
     candidates: Candidates, condition: FleetArrays
 ) -> Float[Array, "agents candidates agents candidates"]:
     """What two candidates add to V together, at waypoints; zero between those of one robot."""
-    count, agents, dim = candidates.shape
+    count, agents, _ = candidates.shape
     paths = jax.vmap(lambda z: to_path(z, condition.start, condition.goal))(candidates)
     # About the middle of the floor, so that squares are small.
     middle = (condition.bounds[:2] + condition.bounds[2:]) / 2

@@ -29,6 +29,7 @@ class Obstacles(AbstractObstacle):
     nearest: int = eqx.field(static=True)
 
     def repulsion(self, x: Positions, reach: float, eps: float) -> Each:
+        """As of `AbstractObstacle`, of the nearest obstacles."""
         first, last = x[..., :-1], x[..., 1:]
         table = jnp.concatenate([self.centre.T, self.half.T, self.radius[None]])
         middle = jax.lax.stop_gradient((first + last) / 2)
@@ -58,6 +59,7 @@ class Obstacles(AbstractObstacle):
         return outside + jnp.minimum(jnp.maximum(*over), 0.0) - self.radius[:, None, None]
 
     def clearance(self, x: Positions, swept: bool) -> Each:
+        """As of `AbstractObstacle`, of all obstacles."""
         local = x[:, None] - self.centre.T[..., None, None]
         half = self.half.T[..., None, None]
         return (

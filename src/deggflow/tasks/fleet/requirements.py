@@ -1,6 +1,6 @@
 """What plans must satisfy, as guidance sees it, and the inputs by which guidance moves paths."""
 
-from functools import partial
+from functools import cache
 from typing import Any
 
 import equinox as eqx
@@ -37,9 +37,14 @@ def _bounds(condition: FleetArrays) -> req.Box:
     return req.Box((low + high)[None] / 2, (high - low)[None])
 
 
-def _solids(condition: FleetArrays, nearest: int) -> Obstacles:
-    solid = condition.solids
-    return Obstacles(solid[:, :2], solid[:, 2:4], solid[:, 4], nearest)
+class _Solids(eqx.Module):
+    """Boxes and discs of a condition; equal ones share compiled programs."""
+
+    nearest: int = eqx.field(static=True)
+
+    def __call__(self, condition: FleetArrays) -> Obstacles:
+        solid = condition.solids
+        return Obstacles(solid[:, :2], solid[:, 2:4], solid[:, 4], self.nearest)
 
 
 def _polygons(condition: FleetArrays) -> req.Polygons:
@@ -66,7 +71,7 @@ def plan_requirement(crowding: Crowding, buffer: float = BUFFER) -> PrivateRequi
         + req.speed("speed_limit", layout=LAYOUT, buffer=buffer)
     )
     if crowding.nearest:
-        solids = partial(_solids, nearest=crowding.nearest)
+        solids = _Solids(crowding.nearest)
         plan += req.outside(solids, radius="radius", layout=LAYOUT, buffer=buffer)
     if crowding.polygons:
         polygons = req.outside(
@@ -102,6 +107,7 @@ class CoarseToFine(eqx.Module):
         return jnp.broadcast_to(weights.astype(z.dtype), z.shape)
 
 
+@cache
 def fleet_guidance(crowding: Crowding) -> DecoupledGuidance:
     """The guidance of the commands."""
     return DecoupledGuidance((plan_requirement(crowding),), control=CoarseToFine())
