@@ -77,9 +77,7 @@ def test_the_oracle_agrees(plans):
     verdicts = judge(*zip(*plans, strict=True))
     clear = [abs(verdict.min_margin) > 1e-8 for verdict in verdicts]
     refuted = [refutes(*plan) for plan in plans]
-    assert all(
-        r != v.satisfied for r, v, c in zip(refuted, verdicts, clear, strict=True) if c
-    )
+    assert all(r != v.satisfied for r, v, c in zip(refuted, verdicts, clear, strict=True) if c)
     assert all((v.violation == 0) == v.satisfied for v in verdicts)
 
 
