@@ -131,7 +131,8 @@ class Layout(eqx.Module):
         start = self._end("start", self.start, none, condition)
         goal = self._end("goal", self.goal, none, condition)
         part = jnp.asarray(np.arange(self.waypoints) / (self.waypoints - 1), z.dtype)
-        path = start + part * (goal - start) + amplitudes @ jnp.asarray(modes, z.dtype).T
+        waves = jnp.einsum("axk,tk->axt", amplitudes, jnp.asarray(modes, z.dtype))
+        path = start + part[None, None] * (goal - start) + waves
         return jnp.concatenate([start, path[:, :, 1:-1], goal], axis=2)
 
     def _end(

@@ -54,7 +54,7 @@ def predictions(
         return AfterPrediction(drift).start(lambda tau, z: field(tau, z, draw.arrays), z0)
 
     nominal = jax.vmap(one)(noise)
-    return jnp.where(draw.keeps[:, None], draw.kept, nominal)
+    return jnp.where(draw.keeps[None, :, None], draw.kept[None], nominal)
 
 
 class ChosenThenGuided:

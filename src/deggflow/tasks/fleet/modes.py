@@ -42,7 +42,9 @@ def pair_costs(
     paths = jax.vmap(lambda z: to_path(z, condition.start, condition.goal))(candidates)
     # About the middle of the floor, so that squares are small.
     middle = (condition.bounds[:2] + condition.bounds[2:]) / 2
-    flat = jnp.moveaxis(paths - middle, 0, 1).reshape(agents * count, WAYPOINTS, 2)
+    flat = jnp.moveaxis(paths - middle[None, None, None], 0, 1).reshape(
+        agents * count, WAYPOINTS, 2
+    )
     reach = APART * condition.radius + BUFFER
 
     def at(total: Float[Array, "one other"], x: Float[Array, "one 2"]) -> tuple[Array, None]:

@@ -1,5 +1,7 @@
 """Boxes and discs to keep out of: all of them for the verdict, those nearest to each step for guidance."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -28,7 +30,7 @@ class Obstacles(AbstractObstacle):
     radius: Float[Array, " obstacles"]
     nearest: int = eqx.field(static=True)
 
-    def repulsion(self, x: Positions, reach: float, eps: float) -> Each:
+    def repulsion(self, x: Positions, reach: Any, eps: float) -> Each:
         """As of `AbstractObstacle`, of the nearest obstacles."""
         first, last = x[..., :-1], x[..., 1:]
         table = jnp.concatenate([self.centre.T, self.half.T, self.radius[None]])

@@ -35,9 +35,9 @@ def to_path(
         Array([1., 0.], dtype=float32)
     """
     weights = jnp.asarray(BASIS * SCALES, z.dtype)
-    share = jnp.asarray(_SHARE, z.dtype)
+    share = jnp.asarray(_SHARE.reshape(*(1,) * (z.ndim - 1), WAYPOINTS, 1), z.dtype)
     line = (1 - share) * start[..., None, :] + share * goal[..., None, :]
-    return line + weights @ z.reshape(*z.shape[:-1], MODES, 2)
+    return line + jnp.einsum("tk,...kd->...td", weights, z.reshape(*z.shape[:-1], MODES, 2))
 
 
 def exact_path(

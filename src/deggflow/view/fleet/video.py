@@ -28,7 +28,7 @@ def _frames(plan: Plan) -> Iterator[UInt8[np.ndarray, "rows columns 3"]]:
     draw_ends(axes, plan)
     discs = robot_patches(axes, plan)
     steps = plan.paths.shape[1] - 1
-    for time in np.linspace(0, steps, BETWEEN * steps + 1):
+    for time in np.linspace(0, steps, round(BETWEEN * steps) + 1):
         step = min(int(time), steps - 1)
         share = time - step
         places = (1 - share) * plan.paths[:, step] + share * plan.paths[:, step + 1]
