@@ -83,17 +83,20 @@ class Sampler:
         ]
         # Of a few rows, laying out the weights is most of a product's work: as constants they are laid out once.
         self._alone = eqx.filter_jit(partial(program, field))
-        self._known: set[tuple[int, bool, tuple[str, ...]]] = set()
+        self._known: set[tuple[tuple[int, ...], bool, tuple[str, ...]]] = set()
 
     def draw(
         self,
         guidance: AbstractGuidance,
-        z0: Float[np.ndarray, "samples agents dim"],
+        z0: Float[np.ndarray, "samples ..."],
         conditions: Any,
         *,
         keep_trace: bool = False,
     ) -> Generation:
-        """Generates samples from given z(0), in float32; all leaves are numpy arrays with an axis of samples."""
+        """Generates samples from given z(0), in float32; all leaves are numpy arrays with an axis of samples.
+
+        Args: as of the program; z(0) has the shape that it takes.
+        """
         conditions = jax.tree.map(
             np.asarray, conditions
         )  # to pick from JAX's arrays takes programs
@@ -106,7 +109,7 @@ class Sampler:
                 inputs = jax.device_put(inputs, self._devices[0 if len(rows) == 1 else turn])
             return program(guidance, jnp.asarray(inputs[0]), inputs[1], *self._how, keep_trace)
 
-        kind = z0.shape[1], keep_trace, guidance.names
+        kind = z0.shape[1:], keep_trace, guidance.names
         generation = map_padded(block, len(z0), compiled=kind in self._known)
         self._known.add(kind)
         return generation

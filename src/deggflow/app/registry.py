@@ -127,6 +127,14 @@ SHIPPED = (
         "deggflow.view.bridge.results:BridgePictures",
         "deggflow.tasks.bridge.lerobot",
     ),
+    ShippedEntry(
+        "fleet",
+        "Paths of robots that share a floor, clear of obstacles and of each other.",
+        "plan",
+        "deggflow.tasks.fleet.options:OPTIONS",
+        "deggflow.tasks.fleet.task:FleetTask",
+        "deggflow.view.fleet.results:FleetPictures",
+    ),
 )
 
 

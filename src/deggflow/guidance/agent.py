@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 from deggflow.shapes import Mask, Scalar, States
 
 from .decoupled import DecoupledGuidance
-from .requirement import Rows
+from .requirement import Rows, correction
 
 
 class AgentInput(NamedTuple):
@@ -79,7 +79,8 @@ def agent_input(
     u, feasible = guidance.solve(ell, b, guidance.metric_of(agent))
     if guidance.control is None:
         return AgentInput(u, u, feasible, rows)
-    return AgentInput(u, guidance.control(tau, z, condition)[agent] @ u, feasible, rows)
+    own = guidance.control(tau, z, condition)[agent]
+    return AgentInput(u, correction(own[None], u[None])[0], feasible, rows)
 
 
 def communication_cost(z: States | jax.ShapeDtypeStruct) -> CommunicationCost:

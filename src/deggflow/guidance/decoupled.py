@@ -16,7 +16,15 @@ from .directions import DELTA, effective_directions
 from .metric import check_metric
 from .qp import MinNormInput, check_limits, min_norm_input
 from .report import GuidanceReport, not_finite, report_without_rows
-from .requirement import AbstractRequirement, Control, ControlMap, Demand, MarginNames, Rows
+from .requirement import (
+    AbstractRequirement,
+    Control,
+    ControlMap,
+    Demand,
+    MarginNames,
+    Rows,
+    correction,
+)
 
 TIGHT = 1e-4  # of |ell| |u| + |b|: rows met as closely are active
 
@@ -74,7 +82,7 @@ class DecoupledGuidance(AbstractGuidance):
 
     Attributes:
         requirements: A tuple of shared and private ones in any number; each agent meets all of its rows at once.
-        control: g, one matrix per agent; None is the identity.
+        control: g, one matrix per agent or its diagonal; None is the identity.
         metric: H, one for all agents or one per agent; None is the identity.
         box: Largest size of each entry of an input; None for no limit.
         norm: Largest `sqrt(u @ H @ u)` of an input; None for no limit.
@@ -96,7 +104,7 @@ class DecoupledGuidance(AbstractGuidance):
         check_requirements(self.requirements)
         if self.control is not None and not callable(self.control):
             raise TypeError(
-                f"`control` must be a function (tau, z, condition) -> (agents, dim, inputs); got {type(self.control).__name__}."
+                f"`control` must be a function (tau, z, condition) -> (agents, dim, inputs) or (agents, dim); got {type(self.control).__name__}."
             )
         check_limits(self.box, self.norm)
         check_metric(self.metric)
@@ -176,10 +184,10 @@ class DecoupledGuidance(AbstractGuidance):
         if self.control is None:
             return None
         control = self.control(tau, z, condition)
-        if jnp.ndim(control) != 3 or control.shape[:2] != z.shape:
+        if jnp.ndim(control) not in (2, 3) or control.shape[:2] != z.shape:
             raise ValueError(
                 "`control` must return one matrix per agent, of shape "
-                f"({z.shape[0]}, {z.shape[1]}, inputs); got {jnp.shape(control)}."
+                f"({z.shape[0]}, {z.shape[1]}, inputs), or diagonals {z.shape}; got {jnp.shape(control)}."
             )
         return control.astype(z.dtype)
 
@@ -204,9 +212,7 @@ class DecoupledGuidance(AbstractGuidance):
         )
         u = u.astype(z.dtype)
         report = report_of(rows, u, feasible, drift)
-        if self.control is None:
-            return state, u, report
-        return state, jnp.einsum("adm,am->ad", self._control(tau, z, condition), u), report
+        return state, correction(self._control(tau, z, condition), u), report
 
     def _check_metric_fits(self, agents: int, inputs: int) -> None:
         if self.metric is None:

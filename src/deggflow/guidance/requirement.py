@@ -17,11 +17,11 @@ from deggflow.shapes import Mask, RowFlags, RowValues, Scalar, States
 
 from .margins import MarginLabel
 
-ControlMap = Callable[[Scalar, States, Any], Float[Array, "agents dim inputs"]]
-"""g: (tau, z, condition) -> one matrix per agent; `None` stands for the identity."""
+Control = Float[Array, "agents dim inputs"] | Float[Array, "agents dim"] | None
+"""g at one state: a matrix per agent, or the diagonal of one; None: the identity."""
 
-Control = Float[Array, "agents dim inputs"] | None
-"""g at one state; None: the identity."""
+ControlMap = Callable[[Scalar, States, Any], Control]
+"""g: (tau, z, condition) -> one matrix per agent, or its diagonal."""
 
 MarginNames = Callable[[int, int, Sequence[str]], MarginLabel]
 """From a column of a row's margins, their number and the agents' names, what the column is."""
@@ -158,5 +158,17 @@ def input_gradient(
     control: Control, gradient: States, moving: Mask = None
 ) -> Float[Array, "agents inputs"]:
     """g_i^T gradient_i of every agent; zero for those that do not move."""
-    ell = gradient if control is None else jnp.einsum("adm,ad->am", control, gradient)
+    if control is None:
+        ell = gradient
+    elif control.ndim == 2:
+        ell = control * gradient
+    else:
+        ell = jnp.einsum("adm,ad->am", control, gradient)
     return ell if moving is None else jnp.where(moving[:, None], ell, 0.0)
+
+
+def correction(control: Control, u: Float[Array, "agents inputs"]) -> States:
+    """g_i u_i of every agent."""
+    if control is None:
+        return u
+    return control * u if control.ndim == 2 else jnp.einsum("adm,am->ad", control, u)

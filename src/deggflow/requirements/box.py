@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 from .term import hinge, root
 
 Local = Float[Array, "axes regions agents waypoints"]
-Half = Float[Array, "axes regions 1 1"]
+Half = Float[Array, "axes regions #agents #waypoints"]
 Each = Float[Array, "regions agents waypoints"]
 
 

@@ -27,6 +27,9 @@ class Layout(eqx.Module):
             of it. None: as in z.
         goal: Last waypoint, likewise.
         unit: Of positions.
+        modes: A matrix from amplitudes to waypoints, with rows of zeros at both ends: each coordinate of a path is then
+            the straight line from start to goal, which must be given, and `modes @ amplitudes`, and the numbers of an
+            agent are all amplitudes of the first mode, then of the second. None: they are waypoints.
 
     Example:
         >>> layout = Layout(axes=2, waypoints=3)
@@ -42,6 +45,7 @@ class Layout(eqx.Module):
     start: Value | None = None
     goal: Value | None = None
     unit: str = eqx.field(static=True, default="m")
+    modes: Float[np.ndarray, "waypoints modes"] | None = None
 
     def __check_init__(self) -> None:
         if self.axes not in (None, 2, 3):
@@ -61,6 +65,16 @@ class Layout(eqx.Module):
         if self.waypoints < 3 and (self.start is not None or self.goal is not None):
             raise ValueError(
                 f"`waypoints` must be at least 3 where ends are held; got {self.waypoints}."
+            )
+        if self.modes is not None:
+            self._check_modes(self.modes)
+
+    def _check_modes(self, modes: Float[np.ndarray, "..."]) -> None:
+        if self.start is None or self.goal is None or self.heading is not None:
+            raise ValueError("`modes` need `start` and `goal`, and positions without a heading.")
+        if modes.ndim != 2 or len(modes) != self.waypoints or modes[[0, -1]].any():
+            raise ValueError(
+                f"`modes` must have {self.waypoints} rows, one per waypoint, of zeros at both ends; got shape {modes.shape}."
             )
 
     @property
@@ -83,6 +97,8 @@ class Layout(eqx.Module):
         Raises:
             ValueError: `dim` is not that of the layout.
         """
+        if self.modes is not None:
+            return self._from_modes(self.modes, z, condition)
         entries = z.shape[1] if self.entries is None else self.entries
         if z.shape[1] != entries * self.waypoints:
             raise ValueError(
@@ -99,8 +115,28 @@ class Layout(eqx.Module):
             last = self._end("goal", self.goal, last, condition)
         return jnp.concatenate([first, x[:, :, 1:-1], last], axis=2)
 
+    def _from_modes(
+        self,
+        modes: Float[np.ndarray, "waypoints modes"],
+        z: Float[Array, "agents dim"],
+        condition: Any,
+    ) -> Float[Array, "entries agents waypoints"]:
+        count, axes = modes.shape[1], self.axes or 0
+        if z.shape[1] != count * axes:
+            raise ValueError(
+                f"a state must have {count * axes} numbers per agent, {count} mode(s) of {axes}; got z of shape {z.shape}."
+            )
+        amplitudes = jnp.moveaxis(z.reshape(len(z), count, axes), 2, 0)
+        none = jnp.zeros((axes, len(z), 1), z.dtype)
+        start = self._end("start", self.start, none, condition)
+        goal = self._end("goal", self.goal, none, condition)
+        part = jnp.asarray(np.arange(self.waypoints) / (self.waypoints - 1), z.dtype)
+        waves = jnp.einsum("axk,tk->axt", amplitudes, jnp.asarray(modes, z.dtype))
+        path = start + part[None, None] * (goal - start) + waves
+        return jnp.concatenate([start, path[:, :, 1:-1], goal], axis=2)
+
     def _end(
-        self, name: str, value: Value, own: Float[Array, "entries agents 1"], condition: Any
+        self, name: str, value: Value | None, own: Float[Array, "entries agents 1"], condition: Any
     ) -> Float[Array, "entries agents 1"]:
         end = resolve(value, condition, own.dtype)
         agents, entries = own.shape[1], own.shape[0]

@@ -1,0 +1,139 @@
+"""The fleet's plans beside prioritised planning and a joint projection, with the same field, conditions and z(0).
+
+Usage: python benchmarks/fleet_baselines.py [--sizes 3 6 9] [--maps empty conveyor highways drop_region dense] [--cases 4]
+"""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tyro
+
+from deggflow.app.session import prepare_jax
+
+# Solved of trials, as others' own code was measured elsewhere, with a mixture of Gaussians as the denoiser and each
+# method's own check of collisions at waypoints; seconds of CPU a plan.
+ELSEWHERE = (
+    ("empty", 6, "MMD's code, prioritised", "2/2", "9 to 29 s"),
+    ("conveyor", 6, "MMD's code, prioritised", "0/5", "9 to 29 s"),
+    ("highways", 6, "MMD's code, prioritised", "1/1", "9 to 29 s"),
+    ("drop_region", 6, "MMD's code, prioritised", "1/1", "9 to 29 s"),
+    ("dense", 6, "MRMP's code, projection by IPOPT", "1/1", "20 s"),
+    ("dense", 9, "MRMP's code, projection by IPOPT", "0/1", "42 s"),
+    ("dense", 15, "MRMP's code, projection by IPOPT", "0/1", "45 s"),
+)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What is compared."""
+
+    sizes: tuple[int, ...] = (3, 6, 9)
+    maps: tuple[str, ...] = ("empty", "conveyor", "highways", "drop_region", "dense")
+    cases: int = (
+        4  # of each map and size; MMD's own starts and goals where a map has them, else random ones
+    )
+    samples: int = 8  # paths that a robot draws at once in prioritised planning
+    seed: int = 1
+    weights: Path | None = None
+
+
+Way = Callable[[Any, np.ndarray, int], np.ndarray]
+"""(condition, z(0), number of the case) -> paths."""
+
+
+def ways(settings: Settings) -> dict[str, Way]:
+    from deggflow.tasks.fleet.field import load_field
+    from deggflow.tasks.fleet.generator import FleetGenerator
+    from deggflow.tasks.fleet.options import FleetFieldOptions
+    from deggflow.tasks.fleet.prioritised import denoiser, prioritised
+    from deggflow.tasks.fleet.projected import Projection
+
+    field, options = load_field(settings.weights), FleetFieldOptions()
+    ours, nominal = FleetGenerator(field, options), FleetGenerator(field, options, guided=False)
+    program, project = denoiser(field), Projection()
+
+    def drawn(condition: Any, noise: np.ndarray, number: int) -> np.ndarray:
+        return ours.batch(noise[None, : options.candidates], [condition]).paths[0]
+
+    def redrawn(condition: Any, noise: np.ndarray, number: int) -> np.ndarray:
+        return ours.plans([condition], seed=settings.seed, first=number, max_draws=16)[0].paths
+
+    def plain(condition: Any, noise: np.ndarray, number: int) -> np.ndarray:
+        return nominal.batch(noise[None, :1], [condition]).paths[0]
+
+    def one_by_one(condition: Any, noise: np.ndarray, number: int) -> np.ndarray:
+        own = noise.swapaxes(0, 1)[: len(condition.robots)]
+        return prioritised(program, condition, own).paths
+
+    def projected(condition: Any, noise: np.ndarray, number: int) -> np.ndarray:
+        return project(plain(condition, noise, number), condition).paths
+
+    return {
+        "nominal": plain,
+        "ours, first draw": drawn,
+        "ours, <= 16 draws": redrawn,
+        "prioritised, as MMD": one_by_one,
+        "joint projection, as MRMP": projected,
+    }
+
+
+def rows(settings: Settings, name: str, size: int, compared: dict[str, Way]) -> list[Sequence[str]]:
+    from deggflow.tasks.fleet.condition import padding
+    from deggflow.tasks.fleet.drawn import random_conditions
+    from deggflow.tasks.fleet.generator import initial_noise
+    from deggflow.tasks.fleet.schemes import OWN
+    from deggflow.tasks.fleet.verdict import judge
+
+    scheme: Any = "own" if name in OWN else "random"
+    conditions = random_conditions(size, settings.cases, name, scheme, settings.seed)  # type: ignore[arg-type]
+    agents, numbers = padding(conditions).agents, np.arange(settings.cases)
+    noise = initial_noise(settings.seed, numbers, 0, agents, settings.samples)
+    seconds: dict[str, list[float]] = {way: [] for way in compared}
+    paths: dict[str, list[np.ndarray]] = {way: [] for way in compared}
+    for number, condition in enumerate(conditions):
+        for way, make in compared.items():
+            if number == 0:
+                make(condition, noise[number], number)  # compiles
+            start = time.process_time()
+            paths[way].append(make(condition, noise[number], number))
+            seconds[way].append(time.process_time() - start)
+    out = []
+    for way in compared:
+        solved = sum(verdict.satisfied for verdict in judge(conditions, paths[way]))
+        off = [
+            np.sqrt(np.mean(np.sum((a - b) ** 2, axis=-1)))
+            for a, b in zip(paths[way], paths["nominal"], strict=True)
+        ]
+        cpu = f"{1e3 * np.median(seconds[way]):.0f} ms"
+        out.append(
+            (name, str(size), way, f"{solved}/{settings.cases}", f"{np.median(off):.3f}", cpu)
+        )
+    return out
+
+
+def main(settings: Settings) -> None:
+    prepare_jax()
+    compared = ways(settings)
+    head = ("map", "N", "way", "solved", "RMS from nominal", "CPU a plan, median")
+    for row in (head, ["---"] * len(head)):
+        print("| " + " | ".join(row) + " |", flush=True)
+    for name in settings.maps:
+        for size in settings.sizes:
+            for row in rows(settings, name, size, compared):
+                print("| " + " | ".join(row) + " |", flush=True)
+    for name, size, way, solved, cpu in ELSEWHERE:
+        print(f"| {name} | {size} | {way} | {solved}, elsewhere | - | {cpu} |")
+    print(
+        f"\nsolved: by the exact verdict at all times, speed limit included; batch 1, {settings.cases} cases a row, seed "
+        f"{settings.seed}; every way from the same z(0), prioritised with {settings.samples} paths a draw. Rows marked "
+        "elsewhere: the authors' own code, a few trials, their own checks at waypoints, no speed limit (yoraish/mmd; "
+        "RAISELab-atUVA/Diffusion-MRMP)."
+    )
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Settings))

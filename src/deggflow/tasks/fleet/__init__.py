@@ -1,0 +1,1 @@
+"""Disc robots share a floor: paths from starts to goals among obstacles."""

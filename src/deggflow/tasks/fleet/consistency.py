@@ -1,0 +1,106 @@
+"""Compares the statements of a plan's line with its paths and with each other."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from deggflow import consistency
+from deggflow.consistency import Line, Unverified, Wrong
+from deggflow.jsonl import shorten
+
+from .condition import FleetCondition
+from .formats import parse_plan
+from .oracle import refutes
+from .plan import Plan, robot_names
+from .verdict import Verdict
+
+TOLERANCE = 1e-9  # map units, of margins; relative, of the violation
+DIVERGED = "the generation diverged to numbers that are not finite"
+ROW = "apart + inside + speed"  # with which the name of the guidance's requirement begins
+UNVERIFIED: Unverified = {
+    "condition": "except with --conditions",
+    "paths": "where other ones leave all that is said true",
+    "seed": "",
+    "certificate.draws": "",
+    "certificate.verdicts": "",
+    "certificate.generation": "that it is there",
+    **{f"certificate.generation.{name}": remark for name, remark in consistency.RECORD.items()},
+    "certificate.generation.requirements[].value": "",
+}
+
+
+def holds(plan: Plan, verdict: Verdict) -> bool:
+    """Whether the plan satisfies its requirements, in closed form and by the oracle."""
+    return verdict.satisfied and not refutes(plan.condition, plan.paths)
+
+
+def contradictions(line: Line) -> list[Wrong]:
+    """All contradictions in a line that `parse_plan` accepts.
+
+    Args:
+        line: A plan as it stands in a file.
+    """
+    plan = parse_plan(line)
+    return list(_contradictions(line["certificate"], plan, plan.verdict()))
+
+
+def _contradictions(certificate: Line, plan: Plan, verdict: Verdict) -> Iterator[Wrong]:
+    true = holds(plan, verdict)
+    diverged = certificate["reason"] == DIVERGED
+    if certificate["satisfied"] != true and not diverged:
+        wrong = "is true, but a requirement is missed" if not true else "is false, but all hold"
+        yield Wrong("certificate.satisfied", wrong)
+    yield from consistency.check_claim(certificate, "certificate")
+    generation = certificate.get("generation")
+    if certificate["reason"] is not None and not true and not diverged:
+        reason = verdict.reason() or "the oracle finds a requirement missed"
+        if generation is not None and generation["first_failure"]:
+            reason += f"; on the way {generation['first_failure']}"
+        if certificate["reason"] != reason:
+            yield Wrong("certificate.reason", f"is not what is found: {shorten(reason, 300)}")
+    if not abs(certificate["min_margin"] - verdict.min_margin) <= TOLERANCE:
+        text = f"is not the least margin, {verdict.min_margin:.9g} map units"
+        yield Wrong("certificate.min_margin", text)
+    away = abs(certificate["violation"] - verdict.violation)
+    if not away <= TOLERANCE * (1 + verdict.violation) or certificate["violation"] < 0:
+        text = f"is not the violation of the paths, {verdict.violation:.6g}"
+        yield Wrong("certificate.violation", text)
+    if generation is not None:
+        yield from _generation(generation, plan)
+
+
+def _generation(generation: Line, plan: Plan) -> Iterator[Wrong]:
+    floor, field = plan.condition.floor, "certificate.generation"
+    name = ROW
+    if floor.boxes or floor.discs:
+        name += " + outside"
+    if floor.polygons:
+        name += " + outside polygons"
+    given = [row["name"] for row in generation["requirements"]]
+    # Plans that were generated together share a program, and its requirement is named for all of their obstacles.
+    names = given if len(given) == 1 and _is_name(given[0], name) else [name]
+    robots = robot_names(len(plan.condition.robots))
+    yield from consistency.check_generation(generation, field, names, robots)
+
+
+def _is_name(given: str, least: str) -> bool:
+    parts = [ROW, "outside", "outside polygons"]
+    whole = " + ".join(parts)
+    return given in (least, whole, " + ".join(parts[:2]), " + ".join(parts[::2])) and all(
+        part in given.split(" + ") for part in least.split(" + ")
+    )
+
+
+def _plain(condition: FleetCondition) -> Mapping[str, Any]:
+    """The condition with every default written out."""
+    floor = condition.floor
+    return {
+        "map": {name: list(getattr(floor, name)) for name in vars(floor)},
+        "robots": [vars(robot) for robot in condition.robots],
+        "radius": condition.radius,
+        "speed_limit": condition.speed_limit,
+    }
+
+
+def other_condition(expected: FleetCondition, actual: FleetCondition) -> Wrong | None:
+    """The first difference between a line's condition and the requested one."""
+    return consistency.first_difference(_plain(expected), _plain(actual), "condition")

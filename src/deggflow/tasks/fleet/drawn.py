@@ -1,0 +1,37 @@
+"""Randomly drawn conditions."""
+
+import numpy as np
+
+from .condition import FleetCondition, Robot
+from .maps import NAMED, SPEED_LIMITS, random_map
+from .options import MapName, Scheme
+from .schemes import OWN, own_scheme, random_scheme
+
+
+def random_conditions(
+    size: int, count: int, name: MapName, scheme: Scheme, seed: int, first: int = 0
+) -> list[FleetCondition]:
+    """Conditions number `first` to `first + count - 1` of a seed; each depends on its own number alone.
+
+    Args:
+        size: Number of robots.
+        count: How many.
+        name: A named map, "random", or "any" of the named ones.
+        scheme: MMD's own starts and goals of a map, or random ones.
+        seed: Of the draws.
+        first: Number of the first one.
+    """
+    out = []
+    for number in range(first, first + count):
+        rng = np.random.default_rng([seed, size, number])
+        chosen = str(rng.choice(list(NAMED))) if name == "any" else name
+        floor = NAMED[chosen] if chosen in NAMED else random_map(rng)
+        own = scheme == "own" and chosen in OWN
+        starts, goals = own_scheme(chosen, size) if own else random_scheme(floor, size, rng)
+        robots = tuple(
+            Robot((float(a), float(b)), (float(c), float(d)))
+            for (a, b), (c, d) in zip(starts, goals, strict=True)
+        )
+        limits = {"speed_limit": SPEED_LIMITS[chosen]} if chosen in SPEED_LIMITS else {}
+        out.append(FleetCondition(chosen if chosen in NAMED else floor, robots, **limits))
+    return out

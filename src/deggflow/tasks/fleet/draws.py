@@ -1,0 +1,104 @@
+"""Compiled programs: nominal plans of each robot, a choice among them, and guidance."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from deggflow.drift import EVERY_STEP, AbstractDrift, AfterPrediction
+from deggflow.flow import Field
+from deggflow.generation import Generation, generate_batch
+from deggflow.guidance import AbstractGuidance
+from deggflow.sampler import Grid
+from deggflow.shapes import Scalar, States
+from deggflow.step_guard import StepGuard
+
+from .condition import FleetArrays
+from .modes import best_response
+from .requirements import Crowding
+
+Noise = Float[Array, "samples candidates agents dim"]
+
+
+class Draw(NamedTuple):
+    """What one draw of some plans starts from.
+
+    Attributes:
+        arrays: Conditions.
+        kept: States of robots that keep their path from the draw before.
+        keeps: Which robots do.
+    """
+
+    arrays: FleetArrays
+    kept: States
+    keeps: Bool[Array, " agents"]
+
+    @property
+    def mask(self) -> Bool[Array, " agents"]:
+        """Which robots are present."""
+        return self.arrays.mask
+
+
+def still(tau: Scalar, z: States, condition: Any) -> States:
+    """A field that moves nothing: guidance acts on a nominal sample, and V changes by inputs alone."""
+    return jnp.zeros_like(z)
+
+
+def predictions(
+    field: Field, drift: AbstractDrift, noise: Float[Array, "candidates agents dim"], draw: Draw
+) -> Float[Array, "candidates agents dim"]:
+    """Nominal plans of one condition; robots that keep their path have it in each of them."""
+
+    def one(z0: States) -> States:
+        return AfterPrediction(drift).start(lambda tau, z: field(tau, z, draw.arrays), z0)
+
+    nominal = jax.vmap(one)(noise)
+    return jnp.where(draw.keeps[None, :, None], draw.kept[None], nominal)
+
+
+class ChosenThenGuided:
+    """A program for `Sampler`: nominal plans, each robot's choice among them, guidance from there."""
+
+    def __init__(self, crowding: Crowding) -> None:
+        """Args: crowding: of the conditions."""
+        self.crowding = crowding
+
+    def __call__(
+        self,
+        field: Field,
+        guidance: AbstractGuidance,
+        noise: Noise,
+        draws: Draw,
+        grid: Grid,
+        drift: AbstractDrift,
+        guard: StepGuard | None,
+        keep_trace: bool,
+    ) -> Generation:
+        """Args: as of `masked_batch`, with noise of several candidates and `Draw`s as conditions."""
+
+        def start(noise: Float[Array, "candidates agents dim"], draw: Draw) -> States:
+            nominal = predictions(field, drift, noise, draw)
+            return best_response(nominal, draw.arrays, self.crowding)
+
+        return generate_batch(
+            still, guidance, jax.vmap(start)(noise, draws), draws.arrays, grid=grid,
+            drift=EVERY_STEP, guard=guard, mask=draws.arrays.mask, keep_trace=keep_trace,
+        )  # fmt: skip
+
+
+def guided_throughout(
+    field: Field,
+    guidance: AbstractGuidance,
+    noise: Noise,
+    draws: Draw,
+    grid: Grid,
+    drift: AbstractDrift,
+    guard: StepGuard | None,
+    keep_trace: bool,
+) -> Generation:
+    """A program for `Sampler`: the generation from the first z(0), guided or nominal."""
+    return generate_batch(
+        field, guidance, noise[:, 0], draws.arrays, grid=grid, drift=drift, guard=guard,
+        mask=draws.arrays.mask, keep_trace=keep_trace,
+    )  # fmt: skip

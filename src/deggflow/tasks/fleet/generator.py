@@ -1,0 +1,216 @@
+"""Certified plans from a nominal field: nominal paths, choices, guidance, verdicts and redraws."""
+
+from collections.abc import Callable, Sequence
+from functools import cache
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from deggflow.certificate import Certificate, GenerationRecord
+from deggflow.divergence import REASON, has_diverged
+from deggflow.drift import ExtrapolatedEndpoint
+from deggflow.flow import Field
+from deggflow.generation import refined_grid
+from deggflow.guidance import AbstractGuidance, NoGuidance
+from deggflow.recording import record
+from deggflow.redraw import Candidate, redraw_until_satisfied
+from deggflow.sampler import Program, Sampler, numbered_noise
+from deggflow.step_guard import StepGuard
+
+from .condition import MAX_ROBOTS, FleetCondition, padding, to_arrays
+from .crowding import crowding
+from .draws import ChosenThenGuided, Draw, guided_throughout
+from .options import FleetFieldOptions
+from .paths import DIM, exact_path
+from .plan import Plan, finished, robot_names, with_draws
+from .requirements import Crowding, fleet_guidance
+from .verdict import Verdict, judge
+
+STEPS = 100
+GUARD = StepGuard(halvings=2)
+ANEW = 4  # every so many draws, all robots draw new paths
+MAX_COORDINATE = 1e4  # map units; states beyond have diverged, and are not stored in files
+
+
+class Batch(NamedTuple):
+    """One draw of some plans.
+
+    Attributes:
+        z: States, padded.
+        paths: In map units, float64.
+        verdicts: On these paths.
+        diverged: Whether each generation did; its paths are straight lines then.
+        records: Of the guidance; None where there was none.
+    """
+
+    z: Float[np.ndarray, "plans agents dim"]
+    paths: list[Float[np.ndarray, "robots 64 2"]]
+    verdicts: list[Verdict]
+    diverged: list[bool]
+    records: list[GenerationRecord | None]
+
+
+class Kept(NamedTuple):
+    """Paths that robots keep from one draw of a plan to the next.
+
+    Attributes:
+        z: States.
+        keeps: Which robots do.
+    """
+
+    z: Float[np.ndarray, "plans agents dim"]
+    keeps: Bool[np.ndarray, "plans agents"]
+
+
+def initial_noise(
+    seed: int, numbers: Int[np.ndarray, " plans"], draw_number: int, agents: int, candidates: int
+) -> Float[np.ndarray, "plans candidates agents dim"]:
+    """z(0) of plans by their number in the run: N(0, I), of every robot the same whatever the padding."""
+    robots = (numbers[:, None] * MAX_ROBOTS + np.arange(agents)).ravel()
+    noise = [
+        numbered_noise(seed, robots, draw_number, k, shape=(1, DIM)) for k in range(candidates)
+    ]
+    whole = np.stack(noise).reshape(candidates, len(numbers), agents, DIM)
+    return np.moveaxis(whole, 0, 1)
+
+
+@cache
+def _program(crowding: Crowding) -> Program:
+    return ChosenThenGuided(crowding)
+
+
+def _nobody(number: int, plan: Plan) -> None:
+    """Watches no draw."""
+
+
+class FleetGenerator:
+    """Generates plans with one field; compiled programs are kept between calls."""
+
+    def __init__(self, field: Field, options: FleetFieldOptions, *, guided: bool = True) -> None:
+        """One field, one way of generating.
+
+        Args:
+            field: Nominal field.
+            options: How often the field is evaluated, when guidance acts, and number of candidates.
+            guided: Whether guidance acts at all.
+        """
+        self.field, self.guided = field, guided
+        self.chooses = guided and options.guidance_phase == "after"
+        self.candidates = options.candidates if self.chooses else 1
+        self.drift = ExtrapolatedEndpoint(options.evaluations)
+        self.grid = refined_grid(max(STEPS, options.evaluations))
+        self.guard = GUARD if guided else None
+        self._samplers: dict[Crowding, Sampler] = {}
+
+    def _sampler(self, of: Crowding) -> Sampler:
+        if of not in self._samplers:
+            program = _program(of) if self.chooses else guided_throughout
+            self._samplers[of] = Sampler(
+                self.field, self.grid, self.guard, program, drift=self.drift
+            )
+        return self._samplers[of]
+
+    def batch(
+        self,
+        noise: Float[np.ndarray, "plans candidates agents dim"],
+        conditions: Sequence[FleetCondition],
+        kept: Kept | None = None,
+    ) -> Batch:
+        """One draw of each condition from given z(0), with paths that some robots keep."""
+        z = np.zeros((len(conditions), *noise.shape[2:]), np.float32)
+        records: list[GenerationRecord | None] = [None] * len(conditions)
+        kept = Kept(z.copy(), np.zeros(z.shape[:2], bool)) if kept is None else kept
+        of = crowding(conditions)
+        guidance: AbstractGuidance = fleet_guidance(of) if self.guided else NoGuidance()
+        sizes = padding(conditions)._replace(agents=noise.shape[2])
+        draw = Draw(to_arrays(conditions, sizes), kept.z, kept.keeps)
+        generation = self._sampler(of).draw(guidance, noise, draw)
+        z[:] = generation.z
+        if self.guided:
+            for k, condition in enumerate(conditions):
+                summary = jax.tree.map(lambda leaf, k=k: leaf[k], generation.summary)
+                names = robot_names(len(condition.robots))
+                records[k] = record(summary, guidance.names, names)
+        return _judged(z, conditions, records)
+
+    def plans(
+        self,
+        conditions: Sequence[FleetCondition],
+        *,
+        seed: int = 0,
+        first: int = 0,
+        max_draws: int = 1,
+        on_draw: Callable[[int, Plan], None] = _nobody,
+    ) -> list[Plan]:
+        """Plans with certificates. Where a draw fails, robots that miss a requirement draw again, the others keep their paths.
+
+        Args:
+            conditions: What to generate.
+            seed: With a plan's number and the number of the draw, decides z(0).
+            first: Number of the first condition in the run.
+            max_draws: Limit per plan; where none is satisfied the closest is returned.
+            on_draw: Told of every draw, refused ones too: the plan's number in the run, and the plan as drawn.
+        """
+        agents = padding(conditions).agents
+        states = np.zeros((len(conditions), agents, DIM), np.float32)
+        keeps = np.zeros((len(conditions), agents), bool)
+
+        def attempt(index: Sequence[int], number: int) -> list[Candidate[Plan]]:
+            rows = np.array(index)
+            subset, numbers = [conditions[k] for k in index], rows + first
+            noise = initial_noise(seed, numbers, number, agents, self.candidates)
+            if number % ANEW == 0:
+                keeps[rows] = False
+            batch = self.batch(noise, subset, Kept(states[rows], keeps[rows]))
+            states[rows], keeps[rows] = batch.z, _unblocked(batch, agents)
+            plans = _certified(batch, subset, seed)
+            for one, plan in zip(numbers, plans, strict=True):
+                on_draw(int(one), with_draws(plan, number + 1))
+            return [
+                Candidate(plan, plan.certificate.satisfied, -plan.certificate.violation)
+                for plan in plans
+            ]
+
+        return finished(redraw_until_satisfied(attempt, len(conditions), max_draws))
+
+
+def _unblocked(batch: Batch, agents: int) -> Bool[np.ndarray, "plans agents"]:
+    """Robots that miss nothing; none of a plan that diverged."""
+    keeps = np.ones((len(batch.verdicts), agents), bool)
+    for row, verdict, diverged in zip(keeps, batch.verdicts, batch.diverged, strict=True):
+        row[list(verdict.blocked)] = False
+        row &= not diverged
+    return keeps
+
+
+def _judged(
+    z: Float[np.ndarray, "plans agents dim"],
+    conditions: Sequence[FleetCondition],
+    records: list[GenerationRecord | None],
+) -> Batch:
+    paths, diverged = [], []
+    for state, condition in zip(z, conditions, strict=True):
+        own = state[: len(condition.robots)]
+        lost = has_diverged(own, MAX_COORDINATE)
+        own = np.zeros_like(own) if lost else own
+        paths.append(exact_path(own, condition.starts, condition.goals))
+        diverged.append(lost)
+    return Batch(z, paths, judge(conditions, paths), diverged, records)
+
+
+def _certified(batch: Batch, conditions: Sequence[FleetCondition], seed: int) -> list[Plan]:
+    """Every plan of a batch with its certificate."""
+    plans = []
+    for k, (condition, verdict) in enumerate(zip(conditions, batch.verdicts, strict=True)):
+        generation, diverged = batch.records[k], batch.diverged[k]
+        reason = verdict.reason()
+        if reason is not None and generation is not None and generation.first_failure is not None:
+            reason += f"; on the way {generation.first_failure}"
+        certificate = Certificate(
+            verdict.satisfied and not diverged, verdict.min_margin, verdict.violation, 1,
+            REASON if diverged else reason, generation,
+        )  # fmt: skip
+        plans.append(Plan(condition, batch.paths[k], certificate, seed))
+    return plans

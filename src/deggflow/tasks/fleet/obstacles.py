@@ -1,0 +1,70 @@
+"""Boxes and discs to keep out of: all of them for the verdict, those nearest to each step for guidance."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from deggflow.requirements import AbstractObstacle, box, exact
+from deggflow.requirements.regions import Each, Positions
+
+
+class Obstacles(AbstractObstacle):
+    """Boxes along the axes that are grown by radii; discs are boxes of size zero.
+
+    Guidance looks at the `nearest` obstacles of each step from a waypoint to the next, those with the least distance
+    from its middle. This is exact where no step can be within reach of more, as `condition.crowding` makes sure for
+    steps within the speed limit; a longer step violates the speed limit, so that V is not at its floor.
+
+    Attributes:
+        centre: Centres.
+        half: Half sizes of the boxes.
+        radius: By which they are grown.
+        nearest: How many guidance looks at.
+    """
+
+    centre: Float[Array, "obstacles 2"]
+    half: Float[Array, "obstacles 2"]
+    radius: Float[Array, " obstacles"]
+    nearest: int = eqx.field(static=True)
+
+    def repulsion(self, x: Positions, reach: Any, eps: float) -> Each:
+        """As of `AbstractObstacle`, of the nearest obstacles."""
+        first, last = x[..., :-1], x[..., 1:]
+        table = jnp.concatenate([self.centre.T, self.half.T, self.radius[None]])
+        middle = jax.lax.stop_gradient((first + last) / 2)
+        gap = self._distances(middle)
+        values = []
+        for k in range(min(self.nearest, len(self.radius))):
+            index = jnp.argmin(gap, axis=0)
+            chosen = jax.nn.one_hot(index, len(self.radius), axis=0, dtype=x.dtype)
+            centre_x, centre_y, half_x, half_y, radius = jnp.tensordot(
+                table, chosen, 1, precision=jax.lax.Precision.HIGHEST
+            )
+            centre, half = jnp.stack([centre_x, centre_y]), jnp.stack([half_x, half_y])
+            ends = (first - centre)[:, None], (last - centre)[:, None]
+            values.append(box.segment_repulsion(*ends, half[:, None], reach + radius[None], eps))
+            if k + 1 < self.nearest:
+                gap = jnp.where(chosen > 0, jnp.inf, gap)
+        return jnp.concatenate(values)
+
+    def _distances(self, point: Positions) -> Each:
+        """Signed distances of points from every obstacle, from below inside."""
+        over = [
+            jnp.abs(point[k][None] - self.centre[:, k, None, None]) - self.half[:, k, None, None]
+            for k in range(2)
+        ]
+        out = [jnp.maximum(each, 0.0) for each in over]
+        outside = jnp.sqrt(out[0] ** 2 + out[1] ** 2)
+        return outside + jnp.minimum(jnp.maximum(*over), 0.0) - self.radius[:, None, None]
+
+    def clearance(self, x: Positions, swept: bool) -> Each:
+        """As of `AbstractObstacle`, of all obstacles."""
+        local = x[:, None] - self.centre.T[..., None, None]
+        half = self.half.T[..., None, None]
+        return (
+            exact.segment_from_box(local[..., :-1], local[..., 1:], half)
+            - self.radius[:, None, None]
+        )

@@ -1,0 +1,112 @@
+"""The fleet, as the commands see it."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any, cast
+
+from deggflow.consistency import Line, Wrong
+from deggflow.flow import Field
+from deggflow.task import (
+    AbstractGenerator,
+    AbstractTask,
+    Chunking,
+    Claim,
+    EvaluateOptions,
+    Examination,
+    GenerateOptions,
+    OnStatus,
+    RunSettings,
+    check_range,
+)
+
+from .condition import MAX_ROBOTS, MIN_ROBOTS, FleetCondition
+from .consistency import UNVERIFIED, contradictions, holds, other_condition
+from .drawn import random_conditions
+from .formats import parse_condition, parse_plan
+from .generator import FleetGenerator
+from .model import FleetModel
+from .options import OPTIONS, FleetEvaluate, FleetGenerate
+from .plan import Plan
+from .report import SuccessEvaluation
+
+
+class PlanStream(AbstractGenerator[FleetCondition, Plan]):
+    """Streams of plans."""
+
+    def __init__(self, generator: FleetGenerator) -> None:
+        """Args: generator: of plans."""
+        self.generator = generator
+
+    def chunking(self, condition: FleetCondition) -> Chunking:
+        """Plans of a chunk are generated together."""
+        return Chunking(concurrent=True)
+
+    def generate(
+        self, conditions: Sequence[FleetCondition], run: RunSettings, on_status: OnStatus
+    ) -> Iterator[list[Plan]]:
+        """All at once."""
+        yield self.generator.plans(conditions, **run._asdict())
+
+
+class FleetTask(AbstractTask[FleetCondition, Plan]):
+    """Disc robots share a floor: each goes from its start to its goal, clear of obstacles and of each other."""
+
+    name = "fleet"
+    noun = "plan"
+    sizes = (MIN_ROBOTS, MAX_ROBOTS)
+    options = OPTIONS
+    unverified = UNVERIFIED
+    claim = Claim("plan satisfies every requirement", "plans satisfy every requirement")
+    model = FleetModel()
+
+    def parse_condition(self, value: Any, field: str = "") -> FleetCondition:
+        """As `formats.parse_condition`."""
+        return parse_condition(value, field)
+
+    def random_conditions(
+        self, size: int, count: int, first: int, options: GenerateOptions
+    ) -> list[FleetCondition]:
+        """On the map and by the scheme that the options name."""
+        fleet = cast(FleetGenerate, options)
+        return random_conditions(size, count, fleet.map, fleet.scheme, options.seed, first)
+
+    def other_condition(self, expected: FleetCondition, actual: FleetCondition) -> Wrong | None:
+        """As `consistency.other_condition`."""
+        return other_condition(expected, actual)
+
+    def parse_result(self, value: Any) -> Plan:
+        """As `formats.parse_plan`."""
+        return parse_plan(value)
+
+    def generator(self, field: Field, options: GenerateOptions) -> PlanStream:
+        """Plans with the default guidance, or without any."""
+        return PlanStream(
+            FleetGenerator(field, cast(FleetGenerate, options), guided=options.guided)
+        )
+
+    def fails(self, row: Line, *, guided: bool) -> bool:
+        """Whether the certificate says that a requirement is missed."""
+        return not row["certificate"]["satisfied"]
+
+    def examine(self, result: Plan, line: Line) -> Examination:
+        """In closed form, by Shapely, and at many moments."""
+        verdict = result.verdict()
+        good = holds(result, verdict)
+        text = "now it holds" if good else f"now it does NOT hold: {verdict.reason()}"
+        return Examination(
+            good,
+            f"{text} (least margin {verdict.min_margin:.3g} map units)",
+            contradictions(line),
+            result.certificate.table(),
+        )
+
+    def conclude(self, examinations: Sequence[Examination]) -> str:
+        """Numbers of lines that hold and of lines with a discrepancy."""
+        return self.claim.in_total(examinations)
+
+    def evaluation(
+        self, field: Field, options: EvaluateOptions, weights: str | None
+    ) -> SuccessEvaluation:
+        """Success of nominal and guided plans."""
+        for size in options.sizes:
+            check_range("sizes", size, MIN_ROBOTS, MAX_ROBOTS)
+        return SuccessEvaluation(field, cast(FleetEvaluate, options), weights)

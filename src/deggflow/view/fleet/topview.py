@@ -1,0 +1,92 @@
+"""A floor from above: obstacles, paths coloured by time, and robots at a moment."""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection, PatchCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Polygon, Rectangle
+
+from deggflow.tasks.fleet.maps import FloorMap
+from deggflow.tasks.fleet.plan import Plan
+from deggflow.view.style import look
+
+MAP = "viridis"  # colours of time
+OBSTACLE, FAULT = "#8c8c8c", "#B00020"
+INCHES = 5.0
+_DPI = 150
+_FINE = 8  # pieces of a step, for the colours of a path
+
+
+def floor_axes(floor: FloorMap) -> tuple[Figure, Axes]:
+    """A figure that belongs to no window, with bounds and obstacles drawn to scale."""
+    left, low, right, high = floor.bounds
+    figure = Figure(figsize=(INCHES, INCHES + 0.4), dpi=_DPI, layout="constrained")
+    axes = figure.subplots()
+    axes.set(xlim=(left, right), ylim=(low, high), aspect="equal", xticks=[], yticks=[])
+    shapes: list[Any] = [Rectangle((x - w / 2, y - h / 2), w, h) for x, y, w, h in floor.boxes]
+    shapes += [Circle((x, y), r) for x, y, r in floor.discs]
+    shapes += [Polygon(corners) for corners in floor.polygons]
+    axes.add_collection(PatchCollection(shapes, facecolor=OBSTACLE, edgecolor="none"))
+    return figure, axes
+
+
+def draw_paths(axes: Axes, paths: Float[np.ndarray, "robots 64 2"]) -> None:
+    """Paths coloured by time, from dark at the start to light at the goal."""
+    waypoints = paths.shape[1]
+    time = np.linspace(0, waypoints - 1, _FINE * (waypoints - 1) + 1)
+    for path in paths:
+        fine = np.stack(
+            [np.interp(time, np.arange(waypoints), path[:, k]) for k in (0, 1)], axis=-1
+        )
+        lines = LineCollection(
+            np.stack([fine[:-1], fine[1:]], axis=1), array=time[1:] / time[-1], cmap=MAP
+        )
+        lines.set(linewidth=1.6, capstyle="round")
+        axes.add_collection(lines)
+
+
+def draw_ends(axes: Axes, plan: Plan) -> None:
+    """Starts as rings, goals as crosses, with the robots' numbers at the starts."""
+    for number, (start, goal) in enumerate(
+        zip(plan.condition.starts, plan.condition.goals, strict=True), 1
+    ):
+        axes.add_patch(
+            Circle(start, plan.condition.radius, fill=False, edgecolor="#333333", linewidth=0.8)
+        )
+        axes.plot(*goal, "x", color="#333333", markersize=4, markeredgewidth=0.9)
+        axes.text(*start, str(number), fontsize=6, ha="center", va="center")
+
+
+def robot_patches(axes: Axes, plan: Plan) -> list[Circle]:
+    """Discs of all robots; those that miss a requirement are red."""
+    blocked = plan.verdict().blocked
+    discs = []
+    for robot, start in enumerate(plan.paths[:, 0]):
+        colour = FAULT if robot in blocked else "#0072B2"
+        disc = Circle(start, plan.condition.radius, facecolor=colour, alpha=0.85, zorder=4)
+        discs.append(axes.add_patch(disc))
+    return discs
+
+
+def pixels(figure: Figure) -> UInt8[np.ndarray, "rows columns 3"]:
+    """The figure as an array."""
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+
+def plan_figure(plan: Plan) -> Figure:
+    """A plan's paths, and below them what its verdict says."""
+    with look():
+        figure, axes = floor_axes(plan.condition.floor)
+        draw_paths(axes, plan.paths)
+        draw_ends(axes, plan)
+        verdict = plan.verdict()
+        text = verdict.reason() or f"all requirements hold, {verdict.min_margin:.3g} to spare"
+        colour = "#333333" if verdict.satisfied else FAULT
+        axes.set_xlabel(text, color=colour, fontsize=7, wrap=True)
+    return figure

@@ -1,0 +1,108 @@
+"""Plans of a reference field, the exact one of Gaussian paths: certified, repeatable, redrawn robot by robot."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from deggflow import requirements as req
+from deggflow.tasks.fleet.condition import FleetCondition, Robot, to_arrays
+from deggflow.tasks.fleet.crowding import crowding
+from deggflow.tasks.fleet.drawn import random_conditions
+from deggflow.tasks.fleet.generator import FleetGenerator, initial_noise
+from deggflow.tasks.fleet.modes import choose
+from deggflow.tasks.fleet.options import FleetFieldOptions
+from deggflow.tasks.fleet.oracle import refutes
+from deggflow.tasks.fleet.paths import exact_path
+from deggflow.tasks.fleet.requirements import LAYOUT, plan_requirement
+from deggflow.tasks.fleet.verdict import judge
+
+SPREAD = 0.3
+
+
+def gaussian(tau, z, condition):
+    """The nominal field of z(1) ~ N(0, SPREAD^2)."""
+    return (tau * SPREAD**2 - (1 - tau)) / ((1 - tau) ** 2 + (tau * SPREAD) ** 2) * z
+
+
+@pytest.fixture(scope="module")
+def generator():
+    """One compiled program for all tests."""
+    return FleetGenerator(gaussian, FleetFieldOptions(evaluations=4, candidates=2))
+
+
+CONDITIONS = random_conditions(3, 4, "empty", "random", seed=2)
+
+
+def test_plans_are_certified_and_repeatable(generator):
+    plans = generator.plans(CONDITIONS, seed=1, max_draws=4)
+    for plan in plans:
+        assert plan.certificate.satisfied
+        assert not refutes(plan.condition, plan.paths)
+        assert (plan.paths[:, 0] == plan.condition.starts).all()
+        assert (plan.paths[:, -1] == plan.condition.goals).all()
+    rest = generator.plans(CONDITIONS[1:], seed=1, first=1, max_draws=4)
+    np.testing.assert_allclose(rest[0].paths, plans[1].paths, atol=1e-4)
+
+
+def test_what_is_impossible_is_blamed_on_its_robots(generator):
+    near = (Robot((0.0, 0.0), (0.5, 0.0)), Robot((0.05, 0.0), (0.0, 0.5)))
+    condition = FleetCondition("empty", (*near, Robot((-0.5, -0.5), (-0.5, 0.5))))
+    (plan,) = generator.plans([condition], seed=1, max_draws=2)
+    assert not plan.certificate.satisfied
+    assert plan.certificate.draws == 2
+    assert plan.verdict().blocked == (0, 1)
+    assert "blocked: robots 1, 2" in plan.certificate.reason
+
+
+def test_noise_of_a_robot_is_its_own():
+    numbers = np.array([3, 4])
+    few, many = (initial_noise(1, numbers, 0, agents, 2) for agents in (3, 6))
+    np.testing.assert_array_equal(few, many[:, :, :3])
+    assert not (few[0] == few[1]).any()
+
+
+def test_best_responses_settle_where_nobody_gains():
+    rng = np.random.default_rng(0)
+    pairs = rng.uniform(0, 1, (5, 4, 5, 4))
+    pairs = (pairs + pairs.transpose(2, 3, 0, 1)) / 2
+    pairs[np.arange(5), :, np.arange(5)] = 0
+    own = rng.uniform(0, 1, (5, 4))
+    chosen = np.asarray(choose(jnp.asarray(own), jnp.asarray(pairs)))
+    costs = own + sum(pairs[:, :, j, chosen[j]] for j in range(5))
+    assert (np.argmin(costs, axis=1) == chosen).all()
+
+
+@pytest.mark.parametrize("name", ["conveyor", "dense"])
+def test_guidance_sees_what_the_verdict_sees(name):
+    """V at most 1/2 implies all exact margins, and V is that of all obstacles, though only the nearest are looked at."""
+    rng = np.random.default_rng(1)
+    conditions = random_conditions(3, 40, name, "random", seed=3)
+    arrays, of = to_arrays(conditions), crowding(conditions)
+    z = (0.05 * rng.normal(size=(40, 3, 124))).astype(np.float32)
+    plan = plan_requirement(of)
+    everything = plan_requirement(type(of)(16, polygons=False))
+
+    def values(requirement):
+        return np.asarray(jax.vmap(requirement.violation)(jnp.asarray(z), arrays, arrays.mask))
+
+    some, whole = values(plan), values(everything)
+    verdicts = judge(
+        conditions,
+        [exact_path(one, c.starts, c.goals) for one, c in zip(z, conditions, strict=True)],
+    )
+    slow = [v.misses[-1].margin >= 0 for v in verdicts]
+    np.testing.assert_allclose(some[slow], whole[slow], rtol=1e-4)
+    assert any(slow)
+    assert all(v.satisfied for v, value in zip(verdicts, some, strict=True) if value <= 0.5)
+    assert all(value > 0.5 for v, value in zip(verdicts, some, strict=True) if not v.satisfied)
+
+
+def test_a_layout_reads_amplitudes_of_modes():
+    start, goal = np.zeros((1, 2)), np.array([[63.0, 0.0]])
+    path = req.Layout(
+        axes=2, waypoints=64, start=start, goal=goal, modes=np.asarray(LAYOUT.modes)
+    ).paths(jnp.zeros((1, 124)))
+    np.testing.assert_allclose(path[0, :, 0], np.arange(64), atol=1e-4)
+    with pytest.raises(ValueError, match="`modes` must have 64 rows"):
+        req.Layout(axes=2, waypoints=64, start=start, goal=goal, modes=np.ones((64, 3)))
