@@ -1,15 +1,15 @@
 """Every code block of the documentation runs, in the order of its page, and so do the tutorials; public names have
 examples; links lead somewhere."""
 
-import doctest
 import importlib
 import re
 import sys
+import threading
+from functools import partial
 from pathlib import Path
 
 import jax
 import jax.numpy as jnp
-import matplotlib as mpl
 import numpy as np
 import pytest
 
@@ -38,7 +38,8 @@ def field(tau, z, condition):
 
 
 def margins(z, condition):
-    return deggflow.distances(z).clip(max=5.0) - 0.3
+    mask = None if condition is None else condition["mask"]
+    return deggflow.distances(z, mask).clip(max=5.0) - 0.3
 
 
 def guidance_names():
@@ -49,7 +50,10 @@ def guidance_names():
         "margins": margins, "Extrapolated": Extrapolated, "task_end": lambda condition: 0.0,
         "q_task": lambda tau, z, condition: jnp.sum(z**2) - 9.0,
         "q_safe": lambda tau, z, condition: jnp.max(z) - 5.0, "who_is_near": lambda condition: None,
-        "condition": None,
+        "condition": None, "np": np, "jax": jax, "sizes": np.array([5, 8]),
+        "generation": deggflow.generate(
+            field, deggflow.NoGuidance(), jnp.ones((5, 2)), None, grid=deggflow.refined_grid(4)
+        ),
     }  # fmt: skip
 
 
@@ -57,35 +61,125 @@ def requirements_names():
     """What the page on named requirements takes for granted."""
     starts = jnp.stack([jnp.zeros(3), jnp.arange(3.0)], axis=-1)
     condition = {
-        "start": starts, "goal": starts + jnp.array([4.0, 0.0]),
+        "start": starts, "goal": starts + jnp.array([[4.0, 0.0]]),
         "obstacles": requirements.Disc((2.0, 0.5), 0.2),
     }  # fmt: skip
     everything = {name: getattr(requirements, name) for name in requirements.__all__}
-    pick, key, gate, goal = (requirements.Disc((float(k), 0.0), 0.4) for k in range(4))
-    of_formulas = {"pick": pick, "gate": gate, "goal": goal}
-    return {**everything, **of_formulas, "condition": condition, "region_key": key}
+    return {**everything, "condition": condition, "apart": requirements.apart(distance=0.1)}
 
 
-def runtime_names():
-    """What the page on processes takes for granted: here the team has one agent, which needs no other."""
+def one_of_three():
+    """What the page on processes takes for granted; the other agents run in threads."""
     from deggflow import runtime
 
-    class Alone:
-        def send(self, data):
-            pass
+    below = deggflow.PrivateRequirement(lambda z, condition: 1.0 - z, 0.05, name="below")
+    guidance, z0 = deggflow.DecoupledGuidance((below,)), jnp.zeros((3, 2))
+    addresses = runtime.free_addresses(3)
+    run_agent = partial(runtime.run_agent, timing=runtime.Timing(deadline=600.0))
 
-        def receive(self, timeout):
-            return []
+    def other(number):
+        program = runtime.TeamProgram(field, guidance, grid=deggflow.refined_grid(20))
+        transport = runtime.UdpTransport(number, addresses)
+        run_agent(program, number, program.start(z0, None), transport, faults=2)
+        transport.close()
 
-        def close(self):
-            pass
-
-    apart = deggflow.PrivateRequirement(lambda z, condition: 1.0 - z, 0.05, name="near")
+    for number in (1, 2):
+        threading.Thread(target=other, args=(number,), daemon=True).start()
     return {
-        **{name: getattr(runtime, name) for name in runtime.__all__},
-        "guidance": deggflow.DecoupledGuidance((apart,)), "z0": jnp.zeros((5, 2)), "condition": None,
-        "number": 0, "transport": Alone(),
+        "TeamProgram": runtime.TeamProgram, "run_agent": run_agent, "guidance": guidance, "z0": z0, "condition": None,
+        "number": 0, "transport": runtime.UdpTransport(0, addresses),
     }  # fmt: skip
 
 
-FEW = {"count": 2, "grid": deggflow.refined_grid(8), "max_draws": 1}
+def given(page):
+    """Names that a page takes for granted; other pages import all of theirs."""
+    names = {
+        **{name: getattr(deggflow, name) for name in deggflow.__all__},
+        "sample": partial(
+            deggflow.sample, grid=deggflow.refined_grid(20), max_draws=1, guard=None
+        ),
+        "refined_grid": lambda steps: deggflow.refined_grid(20),
+        "field": field, "key": jax.random.key(0), "jnp": jnp,
+    }  # fmt: skip
+    extra = {
+        "guidance.md": guidance_names,
+        "requirements.md": requirements_names,
+        "runtime.md": one_of_three,
+    }
+    return {**names, **extra[page.name]()} if page.parent == DOCS and page.name in extra else {}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(DOCS)))
+def test_code_blocks_run_in_order(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names = given(page)
+    for number, block in enumerate(blocks(page), start=1):
+        if (
+            "mission" in block
+        ):  # the page has a key and a goal of random numbers and of paths before
+            names |= {
+                name: requirements.Disc((1.0, 0.0), 0.4) for name in ("pick", "gate", "key", "goal")
+            }
+        code = block.replace("count=512", "count=2").replace("count=64", "count=4")
+        code = code.replace("shape=(15, 128)", "shape=(3, 128)")
+        exec(compile(code, f"{page.name}, block {number}", "exec"), names)
+    if "transport" in names:
+        names["transport"].close()
+
+
+QUICK = ("own_field", "own_torch_model", "requirements", "certificates", "training", "processes")
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
+def test_tutorials_run(script, tmp_path):
+    """With fewer samples; `make docs` runs all of them as they stand."""
+    text = tutorials.page(script, tmp_path) if script.stem in QUICK else script.read_text()
+    assert text.count("# ") > 2
+    assert f"tutorials/{script.stem}\n" in (DOCS / "index.md").read_text()
+
+
+PACKAGES = (
+    "", "guidance", "requirements", "field", "train", "task", "runtime", "deviation", "baselines", "drift", "torch", "loggers",
+)  # fmt: skip
+
+
+def executed():
+    """All code that tests or `make docs` run as examples."""
+    pages = [*PAGES, DOCS / "extending.md", DOCS / "foreign.md", ROOT / "README.md"]
+    yield from (block for page in pages for block in blocks(page))
+    yield from (path.read_text() for path in (ROOT / "examples").rglob("*.py"))
+    for path in (ROOT / "src" / "deggflow").rglob("*.py"):
+        yield from re.findall(r"^ *(?:>>>|\.\.\.) (.*)$", path.read_text(), re.MULTILINE)
+
+
+def public(package):
+    module = importlib.import_module(f"deggflow.{package}".rstrip("."))
+    own = [
+        name for name, value in vars(module).items()
+        if not name.startswith("_") and getattr(value, "__module__", "") == module.__name__
+    ]  # fmt: skip
+    return getattr(module, "__all__", own)
+
+
+def test_every_public_name_is_used_in_an_example():
+    words = set(re.findall(r"\w+", "\n".join(executed())))
+    missing = {package: sorted(set(public(package)) - words) for package in PACKAGES}
+    assert not {package: names for package, names in missing.items() if names}
+
+
+LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
+
+
+@pytest.mark.parametrize(
+    "page", [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))],
+    ids=lambda page: str(page.relative_to(ROOT)),
+)  # fmt: skip
+def test_links_lead_somewhere(page):
+    if page.parent.name == "tutorials":
+        pytest.skip("made by `make docs`, which checks it")
+    for link in LINK.findall(re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)):
+        if link.startswith(("http", "#")):
+            continue
+        path = page.parent / link.partition("#")[0]
+        source = tutorials.SCRIPTS / f"{re.sub(r'_[0-9]+$', '', path.stem)}.py"
+        assert path.exists() or (path.parent.name == "tutorials" and source.exists()), link

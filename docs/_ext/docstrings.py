@@ -1,5 +1,6 @@
 """Docstrings have the little Markdown that people type; Sphinx reads reStructuredText. Code spans become literals, and
-characters that would mean something else, as in |u_i|, are escaped."""
+characters that would mean something else, as in |u_i|, are escaped.
+"""
 
 import re
 
@@ -21,13 +22,17 @@ def _text(block: str) -> str:
     return "".join(parts)
 
 
-def _as_text(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
+def _as_text(
+    app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]
+) -> None:
     lines[:] = re.sub(
         r"(?:(?!\n[ ]*\n).)+", lambda block: _text(block.group()), "\n".join(lines), flags=re.DOTALL
     ).split("\n")
 
 
-def _skip(app: Sphinx, what: str, name: str, obj: object, skip: bool, options: object) -> bool | None:
+def _skip(
+    app: Sphinx, what: str, name: str, obj: object, skip: bool, options: object
+) -> bool | None:
     """Leaves out fields of tuples and dataclasses: they are described under their class."""
     if type(obj).__name__ in ("_tuplegetter", "member_descriptor"):
         return True
