@@ -34,6 +34,7 @@ python_maximum_signature_line_length = 90
 autodoc_default_options = {"members": True, "show-inheritance": True}
 napoleon_google_docstring, napoleon_numpy_docstring = True, False
 napoleon_use_ivar = True
+napoleon_attr_annotations = False  # signatures have the types
 napoleon_custom_sections = ["Source"]
 
 html_theme = "furo"

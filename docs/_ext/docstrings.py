@@ -16,7 +16,8 @@ def _text(block: str) -> str:
     for k, part in enumerate(parts):
         if k % 2:
             inner = re.sub(r"\s+", " ", part.strip("`")) if "\n" not in part else part.strip("`")
-            parts[k] = f"``{inner}``"
+            joined = bool(parts[k + 1]) and not parts[k + 1][0].isspace()
+            parts[k] = f"``{inner}``" + "\\ " * joined
         else:
             parts[k] = re.sub(r"(?<!\\)[|*]|(?<=\w)_(?!\w)", r"\\\g<0>", part)
     return "".join(parts)
