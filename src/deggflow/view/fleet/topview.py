@@ -27,6 +27,7 @@ def floor_axes(floor: FloorMap) -> tuple[Figure, Axes]:
     figure = Figure(figsize=(INCHES, INCHES + 0.4), dpi=_DPI, layout="constrained")
     axes = figure.subplots()
     axes.set(xlim=(left, right), ylim=(low, high), aspect="equal", xticks=[], yticks=[])
+    axes.spines[["top", "right"]].set_visible(True)
     shapes: list[Any] = [Rectangle((x - w / 2, y - h / 2), w, h) for x, y, w, h in floor.boxes]
     shapes += [Circle((x, y), r) for x, y, r in floor.discs]
     shapes += [Polygon(corners) for corners in floor.polygons]
