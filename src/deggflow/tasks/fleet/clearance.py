@@ -32,8 +32,11 @@ def within(floor: FloorMap, points: Points, margin: float) -> Bool[np.ndarray, "
 
 
 def straight(
-    floor: FloorMap, start: Points, end: Points, margin: float
-) -> Bool[np.ndarray, "*rows"]:
+    floor: FloorMap,
+    start: Float[np.ndarray, "... 2"],
+    end: Float[np.ndarray, "... 2"],
+    margin: float,
+) -> Bool[np.ndarray, "..."]:
     """Whether straight moves keep a margin from every box, in both coordinates, and from every disc."""
     move = end - start
     free = np.ones(np.broadcast_shapes(start.shape, end.shape)[:-1], bool)

@@ -18,7 +18,7 @@ from deggflow.flow import Field
 from deggflow.shapes import Scalar
 
 from .clearance import clearance, within
-from .condition import APART, FleetArrays, FleetCondition, padding, to_arrays
+from .condition import APART, NOWHERE, FleetArrays, FleetCondition, padding, to_arrays
 from .paths import BASIS, DIM, SCALES, WAYPOINTS, to_path
 from .surroundings import surroundings
 
@@ -75,7 +75,7 @@ def _pushed(
     c: FleetArrays,
 ) -> Float[Array, "1 dim"]:
     """A state after gradient steps of the costs on its path; the ends stay."""
-    path = to_path(z, c.start, c.goal)[0]
+    path = to_path(z[0], c.start[0], c.goal[0])
     slope = jax.grad(_cost)
     path = jax.lax.fori_loop(
         0,
@@ -83,7 +83,7 @@ def _pushed(
         lambda _, x: x - RATE * slope(x, others, active, c).at[jnp.array([0, -1])].set(0),
         path,
     )
-    change = path - to_path(z, c.start, c.goal)[0]
+    change = path - to_path(z[0], c.start[0], c.goal[0])
     modes = (jnp.asarray(BASIS.T, z.dtype) @ change) / jnp.asarray(SCALES, z.dtype)[:, None]
     return z + modes.reshape(1, DIM)
 
@@ -101,7 +101,8 @@ def denoiser(field: Field) -> Callable[..., Float[Array, "samples 64 2"]]:
             )
             return z + (guided - z) / (STEPS - k)
 
-        return to_path(jax.lax.fori_loop(0, STEPS, step, z), c.start, c.goal)[0]
+        end = jax.lax.fori_loop(0, STEPS, step, z)
+        return to_path(end[0], c.start[0], c.goal[0])
 
     return jax.jit(jax.vmap(sample, (0, None, None, None)))
 
@@ -133,7 +134,8 @@ def prioritised(
     count, least = len(condition.robots), APART * condition.radius
     whole = to_arrays([condition], padding([condition]))
     of_map = jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), whole)
-    others, placed, rounds = np.full((count, WAYPOINTS, 2), 1e3, np.float32), [], 0
+    others, rounds = np.full((count, WAYPOINTS, 2), NOWHERE, np.float32), 0
+    placed: list[Float[np.ndarray, "64 2"]] = []
     for robot in range(count):
         own = slice(robot, robot + 1)
         arrays = of_map._replace(

@@ -39,8 +39,8 @@ class Roadmap(NamedTuple):
     one_way: bool
 
     def weight(
-        self, start: Float[np.ndarray, "*rows 2"], end: Float[np.ndarray, "*rows 2"]
-    ) -> Float[np.ndarray, "*rows"]:
+        self, start: Float[np.ndarray, "... 2"], end: Float[np.ndarray, "... 2"]
+    ) -> Float[np.ndarray, "..."]:
         """Weighted length of straight moves; infinite where they are blocked."""
         return _weight(self.floor, start, end, self.one_way)
 
@@ -64,10 +64,10 @@ class Roadmap(NamedTuple):
 
 def _weight(
     floor: FloorMap,
-    start: Float[np.ndarray, "*rows 2"],
-    end: Float[np.ndarray, "*rows 2"],
+    start: Float[np.ndarray, "... 2"],
+    end: Float[np.ndarray, "... 2"],
     one_way: bool,
-) -> Float[np.ndarray, "*rows"]:
+) -> Float[np.ndarray, "..."]:
     length = np.linalg.norm(end - start, axis=-1)
     if one_way:
         turn = start[..., 0] * end[..., 1] - start[..., 1] * end[..., 0]
