@@ -17,10 +17,13 @@ from deggflow.shapes import Mask, RowFlags, RowValues, Scalar, States
 
 from .margins import MarginLabel
 
-Control = Float[Array, "agents dim inputs"] | Float[Array, "agents dim"] | None
-"""g at one state: a matrix per agent, or the diagonal of one; None: the identity."""
+Matrices = Float[Array, "agents dim inputs"] | Float[Array, "agents dim"]
+"""g at one state: a matrix per agent, or the diagonal of one."""
 
-ControlMap = Callable[[Scalar, States, Any], Control]
+Control = Matrices | None
+"""g at one state; None: the identity."""
+
+ControlMap = Callable[[Scalar, States, Any], Matrices]
 """g: (tau, z, condition) -> one matrix per agent, or its diagonal."""
 
 MarginNames = Callable[[int, int, Sequence[str]], MarginLabel]

@@ -45,7 +45,7 @@ class Layout(eqx.Module):
     start: Value | None = None
     goal: Value | None = None
     unit: str = eqx.field(static=True, default="m")
-    modes: Float[np.ndarray, "waypoints modes"] | None = None
+    modes: Float[Array | np.ndarray, "waypoints modes"] | None = None
 
     def __check_init__(self) -> None:
         if self.axes not in (None, 2, 3):
@@ -69,7 +69,7 @@ class Layout(eqx.Module):
         if self.modes is not None:
             self._check_modes(self.modes)
 
-    def _check_modes(self, modes: Float[np.ndarray, "..."]) -> None:
+    def _check_modes(self, modes: Float[Array | np.ndarray, "..."]) -> None:
         if self.start is None or self.goal is None or self.heading is not None:
             raise ValueError("`modes` need `start` and `goal`, and positions without a heading.")
         if modes.ndim != 2 or len(modes) != self.waypoints or modes[[0, -1]].any():
@@ -117,7 +117,7 @@ class Layout(eqx.Module):
 
     def _from_modes(
         self,
-        modes: Float[np.ndarray, "waypoints modes"],
+        modes: Float[Array | np.ndarray, "waypoints modes"],
         z: Float[Array, "agents dim"],
         condition: Any,
     ) -> Float[Array, "entries agents waypoints"]:

@@ -173,20 +173,22 @@ def _one(condition: FleetCondition, sizes: Padding) -> FleetArrays:
     start, goal = far.copy(), far.copy()
     start[:count], goal[:count] = condition.starts, condition.goals
     corners = NOWHERE + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-    return FleetArrays(
+    leaves: Any = (
         np.arange(sizes.agents) < count,
         start,
         goal,
         np.float32(condition.radius),
         np.float32(condition.speed_limit),
-        np.float32(floor.bounds),
+        np.array(floor.bounds, np.float32),
         _filled(solids(floor), sizes.solids, np.array([NOWHERE, NOWHERE, 1, 1, 0])),
         _filled(triangles(floor), sizes.triangles, corners),
     )
+    return FleetArrays(*leaves)
 
 
 def to_arrays(conditions: Sequence[FleetCondition], sizes: Padding | None = None) -> FleetArrays:
     """Some conditions stacked into arrays of float32, padded to the same sizes."""
     sizes = padding(conditions) if sizes is None else sizes
     each = [_one(condition, sizes) for condition in conditions]
-    return FleetArrays(*(np.stack(leaves) for leaves in zip(*each, strict=True)))
+    stacked: Any = (np.stack(leaves) for leaves in zip(*each, strict=True))
+    return FleetArrays(*stacked)

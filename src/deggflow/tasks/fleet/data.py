@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -147,7 +148,7 @@ def load_dataset(path: StrPath) -> Dataset:
     z = np.zeros((*arrays.mask.shape, DIM), np.float32)
     for row, each in zip(z, demonstrations, strict=True):
         row[: len(each.paths)] = to_modes(each.paths)
-    return Dataset(z, arrays, arrays.mask)
+    return Dataset(jnp.asarray(z), arrays, arrays.mask)
 
 
 def spread(data: Dataset) -> tuple[float, ...]:

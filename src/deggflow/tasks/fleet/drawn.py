@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .condition import FleetCondition, Robot
+from .condition import SPEED_LIMIT, FleetCondition, Robot
 from .maps import NAMED, SPEED_LIMITS, random_map
 from .options import MapName, Scheme
 from .schemes import OWN, own_scheme, random_scheme
@@ -32,6 +32,7 @@ def random_conditions(
             Robot((float(a), float(b)), (float(c), float(d)))
             for (a, b), (c, d) in zip(starts, goals, strict=True)
         )
-        limits = {"speed_limit": SPEED_LIMITS[chosen]} if chosen in SPEED_LIMITS else {}
-        out.append(FleetCondition(chosen if chosen in NAMED else floor, robots, **limits))
+        limit = SPEED_LIMITS.get(chosen, SPEED_LIMIT)
+        where = chosen if chosen in NAMED else floor
+        out.append(FleetCondition(where, robots, speed_limit=limit))
     return out

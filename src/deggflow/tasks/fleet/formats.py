@@ -89,10 +89,14 @@ def _map(value: Any, field: str) -> str | FloorMap:
     if not (x0 < x1 and y0 < y1):
         raise InputError("must be [x0, y0, x1, y1] with x0 < x1 and y0 < y1", field=place)
     boxes, discs, polygons = (
-        tuple(parse(item, where) for item, where in _rows(entries.get(name, []), join(field, name)))
-        for name, parse in (("boxes", _box), ("discs", _disc), ("polygons", _polygon))
+        _rows(entries.get(name, []), join(field, name)) for name in ("boxes", "discs", "polygons")
     )
-    return FloorMap((x0, y0, x1, y1), boxes, discs, polygons)
+    return FloorMap(
+        (x0, y0, x1, y1),
+        tuple(_box(*each) for each in boxes),
+        tuple(_disc(*each) for each in discs),
+        tuple(_polygon(*each) for each in polygons),
+    )
 
 
 def _robot(value: Any, field: str) -> Robot:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -125,7 +125,8 @@ class FleetGenerator:
         of = crowding(conditions)
         guidance: AbstractGuidance = fleet_guidance(of) if self.guided else NoGuidance()
         sizes = padding(conditions)._replace(agents=noise.shape[2])
-        draw = Draw(to_arrays(conditions, sizes), kept.z, kept.keeps)
+        rows: Any = kept
+        draw = Draw(to_arrays(conditions, sizes), rows.z, rows.keeps)
         generation = self._sampler(of).draw(guidance, noise, draw)
         z[:] = generation.z
         if self.guided:

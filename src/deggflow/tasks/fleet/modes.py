@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from deggflow.guidance.sums import SumOfMargins
 from deggflow.shapes import States
 
 from .condition import APART, FleetArrays
@@ -19,8 +20,9 @@ def own_costs(
     candidates: Candidates, condition: FleetArrays, crowding: Crowding
 ) -> Float[Array, "agents candidates"]:
     """V_j of each candidate on its own: obstacles, bounds and the speed limit."""
-    plan = plan_requirement(crowding)
-    terms = [term for term, name in zip(plan.margins.parts, _kinds(crowding), strict=True) if name]
+    margins = plan_requirement(crowding).margins
+    assert isinstance(margins, SumOfMargins)
+    terms = [term for term, own in zip(margins.parts, _own(crowding), strict=True) if own]
 
     def one(z: States) -> Float[Array, " agents"]:
         values = [term.violation(z, condition, BUFFER) for term in terms]
@@ -29,7 +31,7 @@ def own_costs(
     return jax.vmap(one)(candidates).T
 
 
-def _kinds(crowding: Crowding) -> list[bool]:
+def _own(crowding: Crowding) -> list[bool]:
     """Which parts of the requirement are of each robot alone."""
     return [False, True, True, *[True] * (bool(crowding.nearest) + crowding.polygons)]
 

@@ -18,7 +18,7 @@ from deggflow.flow import Field
 from deggflow.shapes import Scalar
 
 from .clearance import clearance, within
-from .condition import APART, FleetArrays, FleetCondition, padding, to_arrays
+from .condition import APART, NOWHERE, FleetArrays, FleetCondition, padding, to_arrays
 from .paths import BASIS, DIM, SCALES, WAYPOINTS, to_path
 from .surroundings import surroundings
 
@@ -134,7 +134,8 @@ def prioritised(
     count, least = len(condition.robots), APART * condition.radius
     whole = to_arrays([condition], padding([condition]))
     of_map = jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), whole)
-    others, placed, rounds = np.full((count, WAYPOINTS, 2), 1e3, np.float32), [], 0
+    others, rounds = np.full((count, WAYPOINTS, 2), NOWHERE, np.float32), 0
+    placed: list[Float[np.ndarray, "64 2"]] = []
     for robot in range(count):
         own = slice(robot, robot + 1)
         arrays = of_map._replace(

@@ -37,7 +37,7 @@ def _solids(x: Points, y: Points, solids: Float[Array, "solids 5"]) -> tuple[Row
 def _triangles(
     x: Points, y: Points, triangles: Float[Array, "triangles 3 2"]
 ) -> tuple[Rows, Rows, Rows]:
-    rows, inside = [], True
+    rows, inside = [], jnp.ones((triangles.shape[0], x.shape[0]), bool)
     for k in range(3):
         corner, edge = triangles[:, k], triangles[:, (k + 1) % 3] - triangles[:, k]
         dx, dy = x[None] - corner[:, 0, None], y[None] - corner[:, 1, None]

@@ -27,6 +27,7 @@ def floor_axes(floor: FloorMap) -> tuple[Figure, Axes]:
     figure = Figure(figsize=(INCHES, INCHES + 0.4), dpi=_DPI, layout="constrained")
     axes = figure.subplots()
     axes.set(xlim=(left, right), ylim=(low, high), aspect="equal", xticks=[], yticks=[])
+    axes.spines[["top", "right"]].set_visible(True)
     shapes: list[Any] = [Rectangle((x - w / 2, y - h / 2), w, h) for x, y, w, h in floor.boxes]
     shapes += [Circle((x, y), r) for x, y, r in floor.discs]
     shapes += [Polygon(corners) for corners in floor.polygons]
@@ -42,9 +43,8 @@ def draw_paths(axes: Axes, paths: Float[np.ndarray, "robots 64 2"]) -> None:
         fine = np.stack(
             [np.interp(time, np.arange(waypoints), path[:, k]) for k in (0, 1)], axis=-1
         )
-        lines = LineCollection(
-            np.stack([fine[:-1], fine[1:]], axis=1), array=time[1:] / time[-1], cmap=MAP
-        )
+        pieces: Any = np.stack([fine[:-1], fine[1:]], axis=1)
+        lines = LineCollection(pieces, array=time[1:] / time[-1], cmap=MAP)
         lines.set(linewidth=1.6, capstyle="round")
         axes.add_collection(lines)
 
@@ -58,7 +58,7 @@ def draw_ends(axes: Axes, plan: Plan) -> None:
             Circle(start, plan.condition.radius, fill=False, edgecolor="#333333", linewidth=0.8)
         )
         axes.plot(*goal, "x", color="#333333", markersize=4, markeredgewidth=0.9)
-        axes.text(*start, str(number), fontsize=6, ha="center", va="center")
+        axes.text(start[0], start[1], str(number), fontsize=6, ha="center", va="center")
 
 
 def robot_patches(axes: Axes, plan: Plan) -> list[Circle]:
@@ -68,7 +68,8 @@ def robot_patches(axes: Axes, plan: Plan) -> list[Circle]:
     for robot, start in enumerate(plan.paths[:, 0]):
         colour = FAULT if robot in blocked else "#0072B2"
         disc = Circle(start, plan.condition.radius, facecolor=colour, alpha=0.85, zorder=4)
-        discs.append(axes.add_patch(disc))
+        axes.add_patch(disc)
+        discs.append(disc)
     return discs
 
 
