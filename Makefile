@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 # takes a third as long. Tests of rounding are compiled as users do; `make test XLA_FLAGS=` does so with all.
 XLA_FLAGS ?= --xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true --xla_cpu_use_fusion_emitters=false
 
-.PHONY: help demo quick test lint bench clean
+.PHONY: help demo quick test lint bench ray clean
 
 help:
 	@echo "make demo   set up, generate certified scenes, draw them into demo/"
@@ -14,6 +14,7 @@ help:
 	@echo "make test   set up, run the tests"
 	@echo "make lint   set up, check style and types"
 	@echo "make bench  set up with the peers, time everything into benchmarks/results.json; ARGS=--quick for a look"
+	@echo "make ray    set up with Ray, generate 100,000 scenes while workers, a node and the driver are killed; ARGS='--count 2000' for a look"
 
 $(VENV)/.base: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "deggflow needs Python >= 3.11; set PYTHON=/path/to/python"; exit 1; }
@@ -24,7 +25,7 @@ $(VENV)/.base: pyproject.toml
 	fi
 	@touch $@
 
-$(VENV)/.dev $(VENV)/.bench: $(VENV)/.%: $(VENV)/.base
+$(VENV)/.dev $(VENV)/.bench $(VENV)/.ray: $(VENV)/.%: $(VENV)/.base
 	@if command -v uv >/dev/null 2>&1; then \
 		uv pip install --quiet --python $(BIN)/python -e '.[$*]'; \
 	else \
@@ -48,5 +49,8 @@ lint: $(VENV)/.dev
 bench: $(VENV)/.bench
 	@$(BIN)/python benchmarks/run.py $(ARGS)
 
+ray: $(VENV)/.ray
+	@$(BIN)/python benchmarks/ray_faults.py --folder ray-faults $(ARGS)
+
 clean:
-	rm -rf $(VENV) demo reproduction-quick .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) demo reproduction-quick ray-faults .pytest_cache .mypy_cache .ruff_cache .hypothesis

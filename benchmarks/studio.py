@@ -179,24 +179,68 @@ def edit_once(page: Page, rng: np.random.Generator) -> None:
             handle.press(str(rng.choice(["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"])))
 
 
+LOOKS = (
+    ("", 1280, 900, "light"),
+    ("_dark", 1280, 900, "dark"),
+    ("_narrow", 390, 844, "light"),
+    ("_narrow_dark", 390, 844, "dark"),
+)
+
+
 def screenshots(browser: Browser, address: str, out: Path) -> None:
-    """The page wide and narrow, light and dark."""
-    for name, width, height, scheme in (
-        ("studio", 1280, 900, "light"),
-        ("studio_dark", 1280, 900, "dark"),
-        ("studio_narrow", 390, 844, "light"),
-        ("studio_narrow_dark", 390, 844, "dark"),
-    ):
-        page = browser.new_page(viewport={"width": width, "height": height}, color_scheme=scheme)
-        page.goto(address)
-        settle(page)
-        page.locator("#guided .object[data-name=compact_printer]").focus()
-        page.locator("#margins button.plain").first.click()
-        page.locator("#guided").scroll_into_view_if_needed()
-        page.evaluate("scrollTo(0, 0)")
-        page.wait_for_timeout(300)
-        page.screenshot(path=out / f"{name}.png")
-        page.close()
+    """All pages wide and narrow, light and dark."""
+    with shown() as sample:
+        for ending, width, height, scheme in LOOKS:
+            view = {"width": width, "height": height}
+            for name, picture in (
+                ("studio", lambda page: picture_scene(page, address)),
+                ("studio_bridge", lambda page: picture_trial(page, address)),
+                ("studio_show", lambda page: picture_sample(page, sample)),
+            ):
+                page = browser.new_page(viewport=view, color_scheme=scheme)
+                picture(page)
+                page.evaluate("scrollTo(0, 0)")
+                page.wait_for_timeout(300)
+                page.screenshot(path=out / f"{name}{ending}.png")
+                page.close()
+
+
+def picture_scene(page: Page, address: str) -> None:
+    page.goto(address)
+    settle(page)
+    page.locator("#guided .object[data-name=compact_printer]").focus()
+    page.locator("#margins button.plain").first.click()
+
+
+def picture_trial(page: Page, address: str) -> None:
+    """Half-way through the trial, with the course of its third policy."""
+    page.goto(f"{address}bridge.html")
+    expect(page.locator("#status")).to_contain_text(re.compile("^Run:"), timeout=WAIT)
+    page.locator("#policies button").nth(2).click()
+    expect(page.locator("#courses .chart")).to_have_count(2, timeout=WAIT)
+    page.locator("#time").fill("6")
+
+
+def picture_sample(page: Page, address: str) -> None:
+    page.goto(address)
+    expect(page.locator("#status")).to_contain_text(re.compile("^Satisfied"), timeout=WAIT)
+    page.locator("[data-agent='2']").press("Enter")
+
+
+@contextmanager
+def shown() -> Iterator[str]:
+    """The address of the example of docs/studio.md, run as a script."""
+    text = (Path(__file__).parent.parent / "docs" / "studio.md").read_text()
+    (script,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    environment = {**os.environ, "BROWSER": "true"}
+    command = [sys.executable, "-c", script]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
+    try:
+        assert process.stdout is not None
+        yield process.stdout.readline().strip()
+    finally:
+        process.terminate()
+        process.wait()
 
 
 def main() -> None:

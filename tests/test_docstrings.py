@@ -18,6 +18,7 @@ MODULES = (
     "sampling",
     "certification",
     "runtime.messages",
+    "shards",
 )
 
 

@@ -39,6 +39,8 @@ def test_another_runs_file_is_left_alone(tmp_path):
         ResumableOutput(foreign, SETTINGS)
     with pytest.raises(InputError, match="is a folder"):
         ResumableOutput(tmp_path, SETTINGS)
+    with pytest.raises(InputError, match="names a table"):
+        ResumableOutput(tmp_path / "x.parquet", SETTINGS)
     assert path.read_bytes() == before
     assert foreign.read_text() == "mine"
 

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from deggflow import DecoupledGuidance, PrivateRequirement, generate, refined_grid, step_guard
 from deggflow.guidance import GuidanceReport
 from deggflow.trace import Point, add_point, as_accepted, empty_summary, traced
 
@@ -246,10 +247,15 @@ def test_many_at_once():
     np.testing.assert_array_equal(both.hypotheses_hold, [True, False])
 
 
-@pytest.mark.parametrize("forced", [0, 1])
-def test_what_was_accepted_is_at_most_its_limit(forced):
-    """Rounding may write a value down above the limit that it was accepted under; z(0) was compared with none."""
-    above = float(np.nextafter(np.float32(1), np.float32(2)))
+ABOVE = 1.0 + EPS, 1.0 + 1e-4  # a limit of 1: by rounding, and by more
+
+
+@pytest.mark.parametrize(("forced", "above"), [(0, ABOVE[0]), (1, ABOVE[0]), (0, ABOVE[1])])
+def test_what_was_accepted_is_at_most_its_limit(forced, above):
+    """Rounding may write a value down above the limit that it was accepted under; z(0) was compared with none.
+
+    What is further above stays, whatever the counter says.
+    """
     report = reports(value={(2, 0): above, (0, 1): 3.0})
     never, none = jnp.zeros(POINTS, bool), jnp.zeros((POINTS, ROWS), bool)
     z = jnp.zeros((POINTS, AGENTS, 2))
@@ -259,8 +265,33 @@ def test_what_was_accepted_is_at_most_its_limit(forced):
         value=report.value[2], work=summary.work._replace(forced_steps=count)
     )
     summary, trace = as_accepted(summary, traced(report))
-    assert (float(trace[0][2, 0]) > float(trace[2][2, 0])) == bool(forced)
-    assert (float(summary.value[0]) > float(summary.limit[0])) == bool(forced)
-    assert (float(summary.excess[0]) > 0) == bool(forced)
+    stays = bool(forced) or above == ABOVE[1]
+    assert (float(trace[0][2, 0]) > float(trace[2][2, 0])) == stays
+    assert (float(summary.value[0]) > float(summary.limit[0])) == stays
+    assert (float(summary.excess[0]) > 0) == stays
     assert float(summary.excess[1]) == 2.0
     assert float(trace[0][0, 1]) == 3.0
+
+
+def test_a_counter_that_misses_a_forced_step_shows(monkeypatch):
+    """Steps are taken above their limits, and nothing says so: the value does."""
+    counting = step_guard.add_point
+
+    def miscounting(so_far, point, mask):
+        return counting(so_far, point._replace(forced=jnp.zeros_like(point.forced)), mask)
+
+    monkeypatch.setattr(step_guard, "add_point", miscounting)
+
+    def drift(tau, z, condition):
+        return jnp.ones_like(z)
+
+    # Without inputs nothing keeps z below 1/2.
+    guidance = DecoupledGuidance(
+        (PrivateRequirement(lambda z, _: 0.5 - z, 0.05),),
+        control=lambda tau, z, _: jnp.zeros((1, 1, 1)),
+    )
+    out = generate(drift, guidance, jnp.zeros((1, 1)), None, grid=refined_grid(4))
+    assert int(out.work.forced_steps) == 0
+    assert float(out.summary.excess[0]) > 0.1
+    assert float(jnp.max(out.trace.value - out.trace.limit)) > 0.1
+    assert not out.summary.hypotheses_hold

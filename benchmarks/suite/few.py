@@ -1,9 +1,9 @@
-"""Sixteen evaluations of the field, extrapolated in between, against one at every step of the guidance, in the same run."""
+"""The default generators, which evaluate the field a few times, against an evaluation at every step of the guidance, in the same run."""
 
 import importlib.util
 from collections.abc import Iterator
 
-from deggflow.drift import AbstractDrift, EveryStep, Extrapolated
+from deggflow.drift import EveryStep, Extrapolated
 from deggflow.flow import Field
 from deggflow.tasks.bridge.field import load_field as load_bridge
 from deggflow.tasks.bridge.policies import PolicyGenerator
@@ -16,13 +16,10 @@ from .clock import Call, Patience, in_turn
 from .generation import policy_call, scene_call
 from .rows import Row, Way, rows_of
 
-EVALUATIONS, STEPS, POLICY_STEPS = 16, 100, 50
+EVALUATIONS, STEPS = 16, 100
 SIZE = 8
 WIDTH = 2230  # of a network with ten million parameters
-DRIFTS: dict[str, AbstractDrift] = {
-    "every step": EveryStep(),
-    str(EVALUATIONS): Extrapolated(EVALUATIONS),
-}
+DRIFTS = {"every step": EveryStep(), "default": None}
 
 
 def few_evaluations(patience: Patience, quick: bool) -> Iterator[Row]:
@@ -31,14 +28,12 @@ def few_evaluations(patience: Patience, quick: bool) -> Iterator[Row]:
     guidance, team = tabletop_guidance(), bridge_guidance(bridge.scales)
     for batch in (1,) if quick else (1, 512):
         calls = {
-            name: scene_call(
-                TabletopGenerator(field, guidance, steps=STEPS, drift=drift), SIZE, batch
-            )
+            name: scene_call(TabletopGenerator(field, guidance, drift=drift), SIZE, batch)
             for name, drift in DRIFTS.items()
         }
         yield from _against_every_step(f"scenes/{batch}", calls, batch, patience)
     calls = {
-        name: policy_call(PolicyGenerator(bridge, team, steps=POLICY_STEPS, drift=drift), SIZE, 1)
+        name: policy_call(PolicyGenerator(bridge, team, drift=drift), SIZE, 1)
         for name, drift in DRIFTS.items()
     }
     yield from _against_every_step("policies/1", calls, 1, patience)
@@ -52,7 +47,7 @@ def _against_every_step(
     what = f"guided {name.split('/')[0]}, N = {SIZE}, batch {batch}, field evaluated"
     ways = {
         every: Way(f"{what} at every step", batch),
-        few: Way(f"{what} {EVALUATIONS} times", batch, every),
+        few: Way(f"{what} as often as by default", batch, every),
     }
     return rows_of(ways, in_turn(dict(zip(ways, calls.values(), strict=True)), patience))
 
@@ -65,7 +60,7 @@ def _of_pytorch(patience: Patience, quick: bool) -> Iterator[Row]:
         yield Row("few/torch", where, note="not installed")
         return
     field, guidance = _large_torch_field(), tabletop_guidance()
-    few = DRIFTS[str(EVALUATIONS)]
+    few = Extrapolated(EVALUATIONS)
     generators = {
         "nominal": TabletopGenerator(field, steps=EVALUATIONS, power=1.5),
         "guided": TabletopGenerator(field, guidance, steps=STEPS, drift=few),

@@ -10,8 +10,12 @@ from .jsonl import InputError
 
 
 @contextmanager
-def locked(path: Path) -> Iterator[None]:
+def locked(path: Path, *, wait: bool = False) -> Iterator[None]:
     """Holds `.<name>.lock` beside a file, whose folder must exist, for as long as the block runs.
+
+    Args:
+        path: The file.
+        wait: Waits until no other process holds it.
 
     Raises:
         InputError: Another process holds it.
@@ -19,7 +23,7 @@ def locked(path: Path) -> Iterator[None]:
     """
     lock = FileLock(path.with_name(f".{path.name}.lock"))
     try:
-        lock.acquire(timeout=0)
+        lock.acquire(timeout=-1 if wait else 0)
     except Timeout:
         raise InputError("another run is writing it", file=path) from None
     try:

@@ -4,6 +4,7 @@ import json
 import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -12,6 +13,7 @@ from .jsonl import MAX_LINE, InputError, parse_line, read_json, shorten
 from .locks import locked
 
 ADVICE = "choose another --out, or remove it first"
+DIGEST = "sha256"  # key of the digest of a finished shard's lines
 Belongs = Callable[[int, Any], bool]
 """(number of a line from 0, its value) -> whether the run would have written it there."""
 
@@ -44,7 +46,8 @@ class ResumableOutput:
     """A JSON Lines file of one run.
 
     Beside it lie `<name>.run.json` with the run's settings, which keep other runs out of the file, and `.<name>.lock`,
-    which is held while the file is written. A special file, such as /dev/stdout, has neither.
+    which is held while the file is written. A special file, such as /dev/stdout, has neither. The settings of a finished
+    shard also hold the digest of its lines, by which `merge_shards` knows that they are complete and unchanged.
 
     Attributes:
         done: Number of finished lines.
@@ -72,10 +75,16 @@ class ResumableOutput:
         self.path, self.settings = Path(path), dict(settings)
         if self.path.is_dir():
             raise InputError("is a folder; name a file", file=self.path)
+        if self.path.suffix == ".parquet":
+            raise InputError(
+                "names a table, which can't be written line by line; name a .jsonl file, and make a table of it by "
+                "`deggflow export`", file=self.path,
+            )  # fmt: skip
         self.run = settings_path(self.path)
         self._count, self._belongs, self._on_row = count, belongs, on_row
         self._file: BinaryIO | None = None
         self.done, self.finished = 0, list[Any]()
+        self._digest = sha256()
         if self._holds_something():
             self._check_settings()
         self._lock = ExitStack()
@@ -94,7 +103,8 @@ class ResumableOutput:
             raise InputError(
                 f"exists and was not begun by this command; {ADVICE}", file=self.path
             ) from None
-        for name, value in self.settings.items():
+        # A whole run does not continue the file of a shard, although all its own settings are the same.
+        for name, value in ({"shard": None} | self.settings).items():
             if previous.get(name) != value:
                 raise InputError(
                     f"was begun with {name} = {shorten(previous.get(name))}, not {shorten(value)}; {ADVICE}",
@@ -128,6 +138,7 @@ class ResumableOutput:
         end, last = 0, None
         while (line := self._file.readline(MAX_LINE + 2)).endswith(b"\n"):
             last = self._finished_line(line)
+            self._digest.update(line)
             end += len(line)
         if last is not None:
             self._check_line(self.done - 1, last)
@@ -173,8 +184,12 @@ class ResumableOutput:
 
     def append(self, rows: Sequence[Mapping[str, Any]]) -> None:
         """Writes finished rows and flushes them to disk; raises `InputError` if that fails."""
+        self.append_lines([json.dumps(row, allow_nan=False) for row in rows])
+
+    def append_lines(self, lines: Sequence[str]) -> None:
+        """As `append`, of rows that are JSON text already."""
         assert self._file is not None
-        content = b"".join(json.dumps(row, allow_nan=False).encode() + b"\n" for row in rows)
+        content = "".join(f"{line}\n" for line in lines).encode()
         try:
             self._file.write(content)
             self._file.flush()
@@ -187,7 +202,8 @@ class ResumableOutput:
                 f"can't be written: {error.strerror}; finished lines are kept, rerun the command to resume",
                 file=self.path,
             ) from None
-        self.done += len(rows)
+        self._digest.update(content)
+        self.done += len(lines)
 
     def _check_still_there(self) -> None:
         """Raises `InputError` unless the open file is the one that its path names."""
@@ -203,8 +219,15 @@ class ResumableOutput:
         try:
             if kind is None and not self._special:
                 self._check_still_there()
+                self._seal()
         finally:
             self._release()
+
+    def _seal(self) -> None:
+        """Writes the digest of a shard's lines once they are complete."""
+        if "shard" in self.settings and self.done == self._count:
+            sealed = {**self.settings, DIGEST: self._digest.hexdigest()}
+            write_atomically(self.run, json.dumps(sealed, indent=2) + "\n")
 
     def _release(self) -> None:
         try:

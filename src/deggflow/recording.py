@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from .certificate import (
     GenerationRecord,
+    LostAgent,
     RequirementRecord,
     RequirementVerdict,
     TraceRecord,
@@ -75,6 +76,20 @@ def agent_names(agents: Sequence[str] | None, count: int) -> list[str]:
     """What agents are called; those without a name, by their number."""
     labels = list(agents or ())
     return labels + [f"agent {k}" for k in range(len(labels), count)]
+
+
+def lost_agents(
+    stops: Float[np.ndarray, " agents"], agents: Sequence[str] | None = None
+) -> tuple[LostAgent, ...]:
+    """Who was lost.
+
+    Args:
+        stops: tau at which each agent was lost; infinite if it was not.
+        agents: What to call the agents; "agent 0", ... if None.
+    """
+    labels = agent_names(agents, len(stops))
+    lost = np.flatnonzero(np.isfinite(stops))
+    return tuple(LostAgent(labels[int(k)], float(stops[k])) for k in lost)
 
 
 def _trace_record(trace: Trace) -> TraceRecord:

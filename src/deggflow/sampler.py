@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from .blocks import map_padded, padded_batch
+from .blocks import BLOCK, map_padded, padded_batch
 from .drift import EVERY_STEP, AbstractDrift
 from .flow import Field
 from .generation import Generation, generate, generate_batch
@@ -76,7 +76,11 @@ class Sampler:
     ) -> None:
         """Args: field: nominal field; grid: values of tau; guard: of guided steps; program: generates a batch; drift: of `generate`."""
         self._how = grid, drift, guard
-        self._together = partial(_compiled(program), field)
+        # Blocks take turns on the devices; a block's values do not depend on how many there are.
+        self._devices = jax.local_devices()
+        self._together = [
+            partial(_compiled(program), _on(device, field)) for device in self._devices
+        ]
         # Of a few rows, laying out the weights is most of a product's work: as constants they are laid out once.
         self._alone = eqx.filter_jit(partial(program, field))
         self._known: set[tuple[tuple[int, ...], bool, tuple[str, ...]]] = set()
@@ -98,14 +102,25 @@ class Sampler:
         )  # to pick from JAX's arrays takes programs
 
         def block(rows: Int[np.ndarray, " samples"]) -> Generation:
-            program = self._alone if len(rows) == 1 else self._together
-            inputs = jnp.asarray(z0[rows]), jax.tree.map(lambda leaf: leaf[rows], conditions)
-            return program(guidance, *inputs, *self._how, keep_trace)
+            turn = int(rows[0]) // BLOCK % len(self._devices)
+            program = self._alone if len(rows) == 1 else self._together[turn]
+            inputs = z0[rows], jax.tree.map(lambda leaf: leaf[rows], conditions)
+            if len(self._devices) > 1:
+                inputs = jax.device_put(inputs, self._devices[0 if len(rows) == 1 else turn])
+            return program(guidance, jnp.asarray(inputs[0]), inputs[1], *self._how, keep_trace)
 
         kind = z0.shape[1:], keep_trace, guidance.names
         generation = map_padded(block, len(z0), compiled=kind in self._known)
         self._known.add(kind)
         return generation
+
+
+def _on(device: jax.Device, field: Any) -> Any:
+    """A field with its arrays on a device."""
+    if len(jax.local_devices()) == 1:
+        return field
+    arrays, rest = eqx.partition(field, eqx.is_array)
+    return eqx.combine(jax.device_put(arrays, device), rest)
 
 
 @cache

@@ -15,12 +15,12 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .guided_field import Velocity
 from .solver import RungeKutta
-from .trace import Point, Summary, TracedReport, add_point, empty_summary, traced
+from .trace import Point, Summary, TracedReport, add_point, empty_summary, rounding, traced
 
 OnForcedStep = Callable[[Any, Float[Array, ""], Float[Array, " rows"], Bool[Array, " rows"]], Any]
 
 LAST = 16  # the last sixteenth of a batch is finished by itself
-ROUNDING = 64  # times the precision: what a value's own sums may be off
+GATHERED = 64  # samples; for smaller batches a second loop takes longer to compile than it saves
 SHORTEST = 8  # times the precision: a step in tau that is not halved any more
 UNSMOOTH = 0.5  # a smooth value rises against its slope by a part that halves with the step; at a kink the part stays
 
@@ -154,10 +154,8 @@ class GuardedSteps(NamedTuple):
         much_shorter = size <= at.refused_size / 4
         kinks = forced & much_shorter & over & (unexpected > UNSMOOTH * at.unexpected)
         # Rounding of the values, over a short step, is no slope.
-        rounding = (
-            ROUNDING * jnp.finfo(size.dtype).eps * (jnp.abs(report.value) + jnp.abs(at.value))
-        )
-        kinks &= jnp.minimum(unexpected * size, at.unexpected * at.refused_size) > rounding
+        rise = jnp.minimum(unexpected * size, at.unexpected * at.refused_size)
+        kinks &= rise > rounding(report.value, at.value)
         first_refusal = refuse & (at.left == self.guard.halvings)
         last = at.goal >= points - 1
         point = Point(
@@ -220,7 +218,8 @@ def finish(
         inputs: What each sample is conditioned on, with a leading axis of samples.
         samples: As `GuardedSteps.start` makes them, with a leading axis of samples.
     """
-    few = samples.goal.shape[0] // LAST
+    count = samples.goal.shape[0]
+    few = count // LAST if count >= GATHERED else 0
 
     def until(left: int, inputs: Any, samples: SampleProgress) -> SampleProgress:
         return jax.lax.while_loop(

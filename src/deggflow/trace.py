@@ -10,6 +10,14 @@ from .identity import fingerprint
 
 BLAMED = 0.5
 """Of the largest contribution to a value: agents that contribute at least as much are named where a step is forced."""
+ROUNDING = 64  # times the precision: what a value's own sums may be off
+
+
+def rounding(
+    one: Float[Array, "*samples rows"], other: Float[Array, "*samples rows"]
+) -> Float[Array, "*samples rows"]:
+    """What rounding may add to the difference of two values."""
+    return ROUNDING * jnp.finfo(one.dtype).eps * (jnp.abs(one) + jnp.abs(other))
 
 
 class Trace(NamedTuple):
@@ -101,6 +109,7 @@ class Summary(NamedTuple):
         value: V or q at the last accepted point.
         limit: Limit there.
         excess: Greatest value - limit.
+        certain_excess: Greatest value - limit, less what rounding may account for.
         active_points: Points at which the row decided some agent's input.
         smallest_ell_norm: Smallest |ell| of an agent that had to act; infinite if none had to.
         least_opposed_sine: Least sine between two opposed rows of one agent; 1 if there were none.
@@ -127,6 +136,7 @@ class Summary(NamedTuple):
     value: Float[Array, " rows"]
     limit: Float[Array, " rows"]
     excess: Float[Array, " rows"]
+    certain_excess: Float[Array, " rows"]
     active_points: Int[Array, " rows"]
     smallest_ell_norm: Float[Array, " rows"]
     least_opposed_sine: Float[Array, ""]
@@ -172,7 +182,7 @@ def empty_summary(
         condition=fingerprint(condition, dtype), z0=z0, z=z0, first_tau=tau, last_tau=tau,
         ordered=jnp.all(jnp.diff(grid) > 0), points=count,
         largest_step=jnp.zeros((), dtype), first_value=row, first_limit=row, value=row, limit=row,
-        excess=row - jnp.inf, active_points=jnp.zeros(rows, jnp.int32),
+        excess=row - jnp.inf, certain_excess=row - jnp.inf, active_points=jnp.zeros(rows, jnp.int32),
         smallest_ell_norm=row + jnp.inf, least_opposed_sine=jnp.ones((), dtype),
         largest_input_norm=jnp.zeros(agents, dtype), infeasible_points=nothing,
         qp_infeasible_points=jnp.zeros(agents, jnp.int32), forced_steps=nothing,
@@ -216,6 +226,8 @@ def add_point(so_far: Summary, point: Point, mask: Bool[Array, " agents"] | None
     here = jnp.ones(len(point.z), bool) if mask is None else mask
     at_rows = acts & here[None]
     excess = _excess(report.value, report.limit, first)
+    certain = excess - rounding(report.value, report.limit)
+    certain = jnp.where(jnp.isnan(certain), excess, certain)
     distance = jnp.sqrt(jnp.max(jnp.where(here, jnp.sum((point.z - so_far.z) ** 2, axis=-1), 0.0)))
     part = report.contribution
     blamed = part >= BLAMED * jnp.max(part, axis=-1, keepdims=True)
@@ -244,6 +256,9 @@ def add_point(so_far: Summary, point: Point, mask: Bool[Array, " agents"] | None
         value=when(new, report.value, so_far.value),
         limit=when(new, report.limit, so_far.limit),
         excess=when(new, jnp.maximum(so_far.excess, excess), so_far.excess),
+        certain_excess=when(
+            new, jnp.maximum(so_far.certain_excess, certain), so_far.certain_excess
+        ),
         active_points=so_far.active_points + jnp.any(report.active & at_rows, axis=-1),
         smallest_ell_norm=jnp.minimum(
             so_far.smallest_ell_norm,
@@ -296,13 +311,14 @@ def as_accepted(
     """Values as steps were accepted: after z(0), at most their limits where no step of a sample was forced.
 
     A compiler may evaluate a value twice, for the comparison that accepts the step and for what is written down, and
-    round the two apart.
+    round the two apart. A value that is above its limit by more than that stays, with all others of its row: a step that
+    should have been counted as forced shows.
 
     Args:
         summary: Of a sample whose steps were guarded, or of a batch.
         trace: Of the same; None if it was not kept.
     """
-    met = (summary.work.forced_steps == 0)[..., None]
+    met = (summary.work.forced_steps == 0)[..., None] & (summary.certain_excess <= 0)
     first = _excess(summary.first_value, summary.first_limit, True)
     after = met & (summary.points > 1)[..., None]
     summary = summary._replace(

@@ -20,6 +20,7 @@ def test_survivors_agree_and_no_certificate_is_false(outside, monkeypatch):
 
 
 def test_a_run_is_replayed_by_its_seed(monkeypatch):
+    """Whether the agents' numbers are computed in one call, or each agent has a program of its own."""
     monkeypatch.setattr(runtime_faults, "SIZES", (4,))
     monkeypatch.setattr(runtime_faults, "DRIFTS", runtime_faults.DRIFTS[1:])
-    assert runtime_faults.play(5) == runtime_faults.play(5)
+    assert runtime_faults.play(5) == runtime_faults.play(5, apart=True)

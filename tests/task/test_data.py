@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import pytest
 
 from deggflow.jsonl import InputError
+from deggflow.merging import merge_shards
+from deggflow.shards import Shard
 from deggflow.task import AbstractModel, Recipe, write_data
 
 
@@ -32,7 +34,7 @@ class LineModel(AbstractModel):
     def describe(self, folder):
         return ()
 
-    def load_data(self, training, validation):
+    def load_data(self, training, validation, scratch=None):
         raise AssertionError
 
     def build(self, key, data, architecture):
@@ -106,3 +108,18 @@ def test_bad_recipes_are_refused_by_the_name_of_their_option(tmp_path, recipe, h
     with pytest.raises(InputError, match=hint):
         write_data(LineModel(), tmp_path / "new", Lines(**recipe))
     assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize("of", [1, 2, 4, 9])
+def test_shards_make_the_same_files_together(of, tmp_path):
+    write_data(LineModel(), tmp_path / "whole", Lines())
+    folders = [tmp_path / str(k) for k in range(1, of + 1)]
+    for k, folder in enumerate(folders, start=1):
+        write_data(LineModel(), folder, Lines(), shard=Shard(k, of))
+        with (folder / "training.jsonl").open("ab") as file:
+            file.truncate((folder / "training.jsonl").stat().st_size // 2)
+        write_data(LineModel(), folder, Lines(), shard=Shard(k, of))
+    for name in ("training.jsonl", "validation.jsonl"):
+        merge_shards([folder / name for folder in folders], tmp_path / name)
+        for file in (name, f"{name}.run.json"):
+            assert (tmp_path / file).read_bytes() == (tmp_path / "whole" / file).read_bytes()

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from deggflow.jsonl import InputError
+from deggflow.shards import parse_shard
 from deggflow.task import check_range
 from deggflow.task.options import MAX_COUNT, MAX_SEED
 
@@ -20,6 +21,7 @@ def baselines(
     seed: int = 1001,
     chosen: bool = False,
     out: Path | None = None,
+    shard: str | None = None,
 ) -> int:
     """Compare guidance methods: success, deviation and time of each, for every setting of its hyperparameters.
 
@@ -33,7 +35,9 @@ def baselines(
         seed: Seed of cases and of z(0). The settings in the published tables were tuned with the default seed, at N = 8 and 12.
         chosen: Run only the settings in the published tables, not the whole grid.
         out: JSON Lines file that receives the rows; rerun the command to resume.
+        shard: k/n: measure only shard number k of n of the rows. With the merged file as --out, the command without --shard prints the table.
     """
+    part = parse_shard(shard, out)
     from deggflow.tasks.tabletop.baselines import METHODS
     from deggflow.tasks.tabletop.library import MAX_OBJECTS
 
@@ -68,8 +72,9 @@ def baselines(
             [size, method.name, dict(hyperparameters)] for size, method, hyperparameters in grid
         ],
     }
-    points = run_jobs(jobs(load_field(), grid, cases, seed), Point, settings, out)
-    _show(points, cases, seed)
+    points = run_jobs(jobs(load_field(), grid, cases, seed), Point, settings, out, part)
+    if part is None:
+        _show(points, cases, seed)
     return SATISFIED
 
 

@@ -10,8 +10,11 @@ from deggflow.studio.command import studio
 from .baselines import baselines
 from .commands import task_app
 from .demo import demo
+from .export import export
+from .merge import merge
 from .registry import SHIPPED, RegisteredEntry, registered
 from .reproduce.command import reproduce
+from .run import run_app
 from .session import BAD_INPUT, UNFORESEEN
 from .start import INTERRUPTED, MESSAGE
 
@@ -36,6 +39,9 @@ def _app(first: str | None) -> SubcommandApp:
     for other in registered([entry.name for entry in SHIPPED]):
         commands = task_app(other) if other.name == first else _placeholder(other)
         app.command(commands, name=other.name, help=other.help)
+    app.command(run_app(), name="run", help="One process of a team, for machines of one's own.")
+    app.command(merge)
+    app.command(export)
     app.command(reproduce)
     app.command(studio)
     return app

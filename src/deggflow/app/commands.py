@@ -3,22 +3,25 @@
 import inspect
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 from tyro.extras import SubcommandApp
 
+from deggflow.extras import imported
 from deggflow.jsonl import InputError
+from deggflow.shards import parse_shard
 from deggflow.task import check_range
 
 from .registry import AbstractEntry
-from .session import NOT_SATISFIED, SATISFIED, console, prepare_jax, progress
+from .session import NOT_SATISFIED, SATISFIED, UNFORESEEN, console, prepare_jax, progress
 
 if TYPE_CHECKING:
     from rich.progress import Progress
 
     from deggflow.flow import Field
 
+Engine = Literal["local", "ray"]
 PICTURES = 12  # lines of a file that are drawn by default
 
 
@@ -53,14 +56,25 @@ def _with_options(
     return command
 
 
+def check_engine(engine: Engine, address: str | None, cpus: int) -> None:
+    """Raises `InputError` unless the options of the engine go together and the engine is installed."""
+    check_range("cpus", cpus, 1, 1024)
+    if engine == "ray":
+        imported("ray", "ray", "--engine ray")
+    elif address is not None:
+        raise InputError("--address goes with --engine ray")
+
+
 def _data(entry: AbstractEntry) -> Callable[..., int]:
-    def data(out: Path, options: Any) -> int:
+    def data(out: Path, options: Any, shard: str | None = None) -> int:
         """Make training and validation data.
 
         Args:
             out: Folder that receives training.jsonl and validation.jsonl. Rerun the command to resume an interrupted run.
             options: Which demonstrations to make.
+            shard: k/n: make only shard number k of n; `deggflow merge` joins the folders.
         """
+        part = parse_shard(shard)
         prepare_jax()
         from deggflow.output import check_written
         from deggflow.task import write_data
@@ -70,9 +84,9 @@ def _data(entry: AbstractEntry) -> Callable[..., int]:
             bar = bars.add_task(model.noun, total=None)
             write_data(
                 model, out, options,
-                lambda count, total: bars.update(bar, completed=count, total=total),
+                lambda count, total: bars.update(bar, completed=count, total=total), shard=part,
             )  # fmt: skip
-        for line in model.describe(out):
+        for line in () if part else model.describe(out):
             console().print(line)
         console().print(f"Training and validation {model.noun} are in {out}.")
         check_written(out / "training.jsonl", out / "validation.jsonl")
@@ -82,21 +96,37 @@ def _data(entry: AbstractEntry) -> Callable[..., int]:
 
 
 def _train(entry: AbstractEntry) -> Callable[..., int]:
-    def train(data: Path, out: Path, options: Any) -> int:
+    def train(
+        data: Path,
+        out: Path,
+        options: Any,
+        validation: Path | None = None,
+        devices: int = 1,
+        coordinator: str | None = None,
+        process: str | None = None,
+    ) -> int:
         """Train a nominal field. Rerun the command to resume an interrupted run; more steps extend a finished one.
 
         Args:
-            data: Folder with training.jsonl and validation.jsonl.
+            data: Folder with training.jsonl and validation.jsonl, or .parquet; or a file of training data, with --validation.
             out: Folder that receives config.json, checkpoints, curves.csv, curves.png, field.safetensors and its card field.json.
             options: How to train.
+            validation: File of validation data, if --data is a file.
+            devices: Number of devices that divide each batch; with --coordinator, of each process. 0: all.
+            coordinator: HOST:PORT of the first process, if several processes train together; they share the folders.
+            process: k/n: this is process number k of n, with --coordinator.
         """
+        check_range("devices", devices, 0, 10_000)
         prepare_jax()
         from deggflow.output import check_written
-        from deggflow.task import train_field
+        from deggflow.task import data_files, train_field
         from deggflow.train import TrainingConfig
 
+        from .distributed import connect, is_first, selected_devices
         from .remake import remake
         from .runs import training_progress
+
+        connect(coordinator, process)
 
         try:
             config = TrainingConfig(
@@ -106,20 +136,28 @@ def _train(entry: AbstractEntry) -> Callable[..., int]:
         except ValueError as error:
             raise InputError(str(error)) from None
         sizes = options.architecture()
-        with training_progress(options.steps, out) as show:
+        with training_progress(options.steps, out, hidden=not is_first()) as show:
             train_field(
-                entry.load_task().model, data, out, config, sizes, show,
+                entry.load_task().model, data_files(data, validation), out, config, sizes, show,
                 commands=remake(entry.name, entry.load_options().data, sizes),
+                devices=selected_devices(devices, options.batch),
             )  # fmt: skip
-        console().print(f"Weights, card and curves are in {out}.")
-        check_written(out / "field.safetensors", out / "field.json", out / "curves.csv")
+        if is_first():
+            console().print(f"Weights, card and curves are in {out}.")
+            check_written(out / "field.safetensors", out / "field.json", out / "curves.csv")
         return SATISFIED
 
     return train
 
 
 def _generate(entry: AbstractEntry) -> Callable[..., int]:
-    def generate(options: Any) -> int:
+    def generate(
+        options: Any,
+        shard: str | None = None,
+        engine: Engine = "local",
+        address: str | None = None,
+        cpus: int = 2,
+    ) -> int:
         """Generate results, each with its certificate, as JSON Lines.
 
         Exit code 0: every result satisfies its requirements (or --guidance none); 3: some do not, and their lines
@@ -127,15 +165,24 @@ def _generate(entry: AbstractEntry) -> Callable[..., int]:
 
         Args:
             options: What to generate, and how.
+            shard: k/n: generate only shard number k of n; `deggflow merge` joins the files into that of the whole run.
+            engine: local: this process; ray: the workers of a Ray cluster, with the same lines.
+            address: Address of a running Ray cluster; default: one that is started on this machine.
+            cpus: With --engine ray, CPUs of each chunk that is generated at a time.
         """
+        check_engine(engine, address, cpus)
+        part_of_run = parse_shard(shard)
         prepare_jax()
         from deggflow.output import check_written
+        from deggflow.runtime import TeamError
 
+        from .cluster import Cluster, Work, chunks_by
         from .runs import (
             check_output,
             condition_source,
             digest_of_weights,
             generate_results,
+            provenance,
             write_results,
         )
 
@@ -148,17 +195,39 @@ def _generate(entry: AbstractEntry) -> Callable[..., int]:
             "count": source.count,
             **options.settings(),
             "weights": digest_of_weights(options.weights),
+            "made_with": provenance(task.model, options.weights),
         }
-        check_output(options.out, settings)
-        generator = task.generator(task.model.load(options.weights), options)
+        identity = settings | ({} if part_of_run is None else {"shard": str(part_of_run)})
+        check_output(options.out, identity)
+        chunks: Callable[[int, Progress], Iterator[Any]]
+        if getattr(options, "processes", False):
+            if part_of_run is not None or engine != "local":
+                raise InputError("--processes has neither --shard nor --engine ray")
+            from .team import team_results
 
-        def chunks(first: int, bars: "Progress") -> Iterator[list[Any]]:
-            return generate_results(generator, source, options, first, bars)
+            chunks = team_results(task, source, options)
+        else:
+            generator = task.generator(task.model.load(options.weights), options)
+            chunking = generator.chunking(*source.part(0, 1))
+            if part_of_run is not None:
+                part = part_of_run.equal_part(source.count, chunking.size)
+                settings |= part_of_run.settings(part)
+                source = source.of_part(part)
 
-        failed = write_results(
-            options.out, settings, source, f"{task.noun}s",
-            lambda row: task.fails(row, guided=options.guided), chunks,
-        )  # fmt: skip
+            def chunks(first: int, bars: "Progress") -> Iterator[Any]:
+                if engine == "ray":
+                    work = Work(entry.name, options, settings["made_with"])
+                    return chunks_by(Cluster(address, cpus), work, source, chunking.size, first)
+                return generate_results(generator, source, options, first, bars, chunking)
+
+        try:
+            failed = write_results(
+                options.out, settings, source, f"{task.noun}s",
+                lambda row: task.fails(row, guided=options.guided), chunks,
+            )  # fmt: skip
+        except TeamError as error:
+            console().print(f"deggflow: {error}", markup=False)
+            return UNFORESEEN
         where = "" if options.out is None else f" They are in {options.out}."
         totals = f"{source.count - failed} of {source.count} {task.claim.of(source.count)}"
         console().print(f"{totals}.{where}")
@@ -187,26 +256,47 @@ def _certify(entry: AbstractEntry) -> Callable[..., int]:
 
 
 def _evaluate(entry: AbstractEntry) -> Callable[..., int]:
-    def evaluate(options: Any) -> int:
+    def evaluate(
+        options: Any,
+        shard: str | None = None,
+        engine: Engine = "local",
+        address: str | None = None,
+        cpus: int = 2,
+    ) -> int:
         """Measure the success of nominal and guided generation; an independent oracle checks every claim.
 
         Args:
             options: What to measure, and on how many cases.
+            shard: k/n: measure only shard number k of n of the rows. With the merged file as --out, the command without --shard prints the tables.
+            engine: local: this process; ray: the workers of a Ray cluster, with the same rows.
+            address: Address of a running Ray cluster; default: one that is started on this machine.
+            cpus: With --engine ray, CPUs of each row that is measured at a time.
         """
+        check_engine(engine, address, cpus)
+        part = parse_shard(shard, options.out)
         prepare_jax()
         from deggflow.output import check_written
 
-        from .runs import digest_of_weights, run_jobs
+        from .cluster import Cluster, Work, rows_by
+        from .runs import digest_of_weights, provenance, run_jobs
         from .tables import show
 
         if not options.sizes:
             raise InputError("--sizes must name at least one size")
         task, digest = entry.load_task(), digest_of_weights(options.weights)
         evaluation = task.evaluation(task.model.load(options.weights), options, digest)
-        rows = run_jobs(evaluation.jobs, evaluation.row, evaluation.settings, options.out)
-        for table in evaluation.tables(rows):
-            show(table)
-        entry.load_pictures().draw_evaluation(evaluation, options)
+        if engine == "ray":
+            work = Work(entry.name, options, provenance(task.model, options.weights))
+            jobs = rows_by(
+                Cluster(address, cpus), work, digest, evaluation.row, evaluation.jobs, part
+            )
+        else:
+            jobs = evaluation.jobs
+        rows = run_jobs(jobs, evaluation.row, evaluation.settings, options.out, part)
+        if part is None:
+            for table in evaluation.tables(rows):
+                show(table)
+            entry.load_pictures().draw_evaluation(evaluation, options)
         check_written(options.out)
         return SATISFIED if evaluation.complete(rows) else NOT_SATISFIED
 
@@ -222,7 +312,7 @@ def _render(entry: AbstractEntry) -> Callable[..., int]:
             options: What to draw.
         """
         prepare_jax()
-        from functools import cache, partial
+        from functools import cache
 
         from deggflow.task import PictureRequest
 

@@ -45,6 +45,10 @@ class AbstractEntry(ABC):
         """The dataclasses of the task's options."""
 
     @abstractmethod
+    def load_lines(self) -> Sequence[type[Any]]:
+        """Types of the lines of the task's files."""
+
+    @abstractmethod
     def load_task(self) -> "AbstractTask[Any, Any]":
         """The task; raises `InputError` if it can't be loaded."""
 
@@ -62,16 +66,20 @@ class ShippedEntry(AbstractEntry):
         help: One sentence on its results.
         result: The task's word for one result.
         options: "module:object" of its `TaskOptions`, which are read before JAX is loaded.
+        lines: "module:object" of the types of its lines, likewise.
         task: "module:class" of its `AbstractTask`.
         pictures: "module:class" of its `AbstractPictures`.
+        episodes: Module with `FORMAT` and `episode`, if its results are episodes of a LeRobot data set.
     """
 
     name: str
     help: str
     result: str
     options: str
+    lines: str
     task: str
     pictures: str
+    episodes: str | None = None
 
     @property
     def noun(self) -> str:
@@ -82,6 +90,11 @@ class ShippedEntry(AbstractEntry):
         """The dataclasses of the task's options."""
         options: TaskOptions = _object(self.options)
         return options
+
+    def load_lines(self) -> Sequence[type[Any]]:
+        """Types of the lines of the task's files."""
+        lines: Sequence[type[Any]] = _object(self.lines)
+        return lines
 
     def load_task(self) -> "AbstractTask[Any, Any]":
         """The task."""
@@ -100,6 +113,7 @@ SHIPPED = (
         "Scenes of objects on a table, each easy to reach and use.",
         "scene",
         "deggflow.tasks.tabletop.options:OPTIONS",
+        "deggflow.tasks.tabletop.lines:LINES",
         "deggflow.tasks.tabletop.task:TabletopTask",
         "deggflow.view.tabletop.results:TabletopPictures",
     ),
@@ -108,8 +122,10 @@ SHIPPED = (
         "Robots push a plank over a gap and cross it.",
         "trial",
         "deggflow.tasks.bridge.options:OPTIONS",
+        "deggflow.tasks.bridge.lines:LINES",
         "deggflow.tasks.bridge.task:BridgeTask",
         "deggflow.view.bridge.results:BridgePictures",
+        "deggflow.tasks.bridge.lerobot",
     ),
     ShippedEntry(
         "fleet",
@@ -144,6 +160,10 @@ class RegisteredEntry(AbstractEntry):
         """The dataclasses of the task's options."""
         return self.load_task().options
 
+    def load_lines(self) -> Sequence[type[Any]]:
+        """Types of the lines of the task's files."""
+        return self.load_task().lines
+
     def load_task(self) -> "AbstractTask[Any, Any]":
         """The task; raises `InputError` if it can't be loaded."""
         try:
@@ -173,3 +193,13 @@ def registered(shipped: Sequence[str]) -> list[RegisteredEntry]:
     return [
         RegisteredEntry(point) for point in entry_points(group=GROUP) if point.name not in shipped
     ]
+
+
+def entry_named(name: str) -> AbstractEntry:
+    """The entry of a task; raises `InputError` if there is none of this name."""
+    entries: list[AbstractEntry] = [*SHIPPED, *registered([entry.name for entry in SHIPPED])]
+    for entry in entries:
+        if entry.name == name:
+            return entry
+    known = ", ".join(entry.name for entry in entries)
+    raise InputError(f"--task: there is no task {name!r}; known are {known}")

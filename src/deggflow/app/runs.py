@@ -6,23 +6,27 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
+from deggflow import __version__
 from deggflow.jsonl import InputError
 from deggflow.output import ADVICE, ResumableOutput
 from deggflow.schema import parse_as
+from deggflow.shards import Part, Shard
 from deggflow.task import (
     AbstractGenerator,
+    AbstractModel,
     AbstractTask,
+    Chunking,
     GenerateOptions,
     RunSettings,
     check_range,
 )
 from deggflow.task.interface import Result, Written
-from deggflow.task.options import MAX_COUNT
+from deggflow.task.options import MAX_RESULTS
 
 from .session import progress
 
@@ -59,27 +63,56 @@ def digest_of_weights(path: Path | None) -> str | None:
         ) from None
 
 
+def provenance(model: AbstractModel, weights: Path | None) -> dict[str, Any]:
+    """What a run is made with besides its settings: version of the package, and digest of the weights, shipped or not."""
+    used = model.shipped if weights is None else weights
+    return {"deggflow": __version__, "weights": digest_of_weights(used)}
+
+
 def check_output(out: Path | None, settings: Mapping[str, Any]) -> None:
     """Refuses a file of another run before anything is computed; the file is checked again once it is locked."""
     if out is not None:
         ResumableOutput(out, settings)
 
 
+class FinishedLines(NamedTuple):
+    """Results as they stand in a file.
+
+    Attributes:
+        lines: Their JSON objects as text.
+        failed: Whether each failed.
+    """
+
+    lines: Sequence[str]
+    failed: Sequence[bool]
+
+
 @dataclass(frozen=True)
 class ConditionSource(Generic[C]):
-    """Conditions of a run by number, from a file or drawn.
+    """Conditions of a run by number, from a file or drawn; or those of one shard, numbered from its first one.
 
     Attributes:
         count: Number of conditions.
         size: Number of agents of drawn conditions; 0 if the conditions come from a file.
         part: Maps (number of the first condition, how many) to the conditions.
         digest: Digest of a file's conditions as they were read; None if they are drawn.
+        first: Number in the run of a shard's first condition.
     """
 
     count: int
     size: int
     part: Callable[[int, int], list[C]]
     digest: str | None = None
+    first: int = 0
+
+    def of_part(self, part: Part) -> "ConditionSource[C]":
+        """The conditions of a part of the run."""
+        return replace(
+            self,
+            count=part.lines,
+            part=lambda first, many: self.part(part.first + first, many),
+            first=part.first,
+        )
 
     def belongs(self, number: int, row: Any) -> bool:
         """Whether a line holds the result for the condition of its number."""
@@ -93,13 +126,17 @@ def generate_results(
     options: GenerateOptions,
     first: int,
     bars: "Progress",
+    chunking: Chunking | None = None,
 ) -> Iterator[list[R]]:
     """Yields results from number `first` on, some at a time, as soon as they are finished.
 
     A chunk that a kill cut in two is generated again as a whole, since a batch of another size rounds differently.
-    Its results that are already written are skipped.
+    Its results that are already written are skipped. `chunking` is that of the whole run, if the source is a shard's.
     """
-    chunking = generator.chunking(*source.part(0, 1))
+    if source.count == 0:
+        return
+    if chunking is None:
+        chunking = generator.chunking(*source.part(0, 1))
     bar = None
 
     def tell(status: str) -> None:
@@ -110,7 +147,8 @@ def generate_results(
     def results(start: int) -> Iterator[list[R]]:
         number = start
         conditions = source.part(start, min(chunking.size, source.count - start))
-        run = RunSettings(options.seed, start, options.max_draws if options.guided else 1)
+        number_in_run = source.first + start
+        run = RunSettings(options.seed, number_in_run, options.max_draws if options.guided else 1)
         for some in generator.generate(conditions, run, tell):
             yield some[max(0, first - number) :]
             number += len(some)
@@ -160,7 +198,7 @@ def condition_source(task: AbstractTask[C, R], options: GenerateOptions) -> Cond
         )
     size, count = options.size or 0, 1 if options.count is None else options.count
     check_range("size", size, *task.sizes)
-    check_range("count", count, 1, MAX_COUNT)
+    check_range("count", count, 1, MAX_RESULTS)
     return ConditionSource(
         count, size, lambda first, many: task.random_conditions(size, many, first, options)
     )
@@ -172,7 +210,7 @@ def write_results(
     source: ConditionSource[Any],
     label: str,
     fails: Callable[[Mapping[str, Any]], bool],
-    chunks: "Callable[[int, Progress], Iterator[list[R]]]",
+    chunks: "Callable[[int, Progress], Iterator[Sequence[R] | FinishedLines]]",
 ) -> int:
     """Writes results to stdout or appends them to a file; returns the number of failed ones.
 
@@ -182,7 +220,7 @@ def write_results(
         source: Conditions of the results.
         label: Text beside the progress bar.
         fails: Whether a result, as a JSON object, fails.
-        chunks: Maps the number of the first result to results, a few at a time; may add progress bars.
+        chunks: Maps the number of the first result to results, a few at a time, as objects or as text; may add progress bars.
     """
     failed = 0
 
@@ -196,27 +234,33 @@ def write_results(
     with progress(hidden=out is None) as bars:
         bar = bars.add_task(label, total=source.count)
         if out is None:
-            return sum(_print(results, fails) for results in chunks(0, bars))
+            for results in chunks(0, bars):
+                some = finished_lines(results, fails)
+                for line in some.lines:
+                    print(line, flush=True)
+                failed += sum(some.failed)
+            return failed
         target = ResumableOutput(
             out, settings, count=source.count, belongs=source.belongs, on_row=count_failure
         )
         with target as lines:
             bars.update(bar, completed=lines.done)
             for results in chunks(lines.done, bars):
-                rows = [result.to_json() for result in results]
-                lines.append(rows)
-                failed += sum(map(fails, rows))
-                bars.advance(bar, len(rows))
+                some = finished_lines(results, fails)
+                lines.append_lines(some.lines)
+                failed += sum(some.failed)
+                bars.advance(bar, len(some.lines))
     return failed
 
 
-def _print(results: Sequence[Written], fails: Callable[[Mapping[str, Any]], bool]) -> int:
-    failed = 0
-    for result in results:
-        row = result.to_json()
-        print(json.dumps(row, allow_nan=False), flush=True)
-        failed += fails(row)
-    return failed
+def finished_lines(
+    results: Sequence[Written] | FinishedLines, fails: Callable[[Mapping[str, Any]], bool]
+) -> FinishedLines:
+    """Results as text, unless they are text already."""
+    if isinstance(results, FinishedLines):
+        return results
+    rows = [result.to_json() for result in results]
+    return FinishedLines([json.dumps(row, allow_nan=False) for row in rows], [*map(fails, rows)])
 
 
 def run_jobs(
@@ -224,6 +268,7 @@ def run_jobs(
     kind: type[Row],
     settings: Mapping[str, Any],
     out: Path | None,
+    shard: Shard | None = None,
 ) -> list[Row]:
     """Runs the jobs whose rows `out` does not hold yet; each row is written as soon as it is measured.
 
@@ -232,7 +277,12 @@ def run_jobs(
         kind: Dataclass of the rows.
         settings: JSON values that distinguish this run from others.
         out: The file, or None.
+        shard: Runs only its jobs, and returns their rows; None: all.
     """
+    if shard is not None:
+        part = shard.equal_part(len(jobs), 1)
+        jobs = jobs[part.first : part.first + part.lines]
+        settings = {**settings, **shard.settings(part)}
     with progress() as bars:
         bar = bars.add_task("evaluating", total=len(jobs))
         if out is None:
@@ -273,8 +323,13 @@ def resumed_rows(
 
 
 @contextmanager
-def training_progress(steps: int, out: Path) -> "Iterator[Callable[[Curve], None]]":
-    """Shows the losses during training; plots the curves into `out` at the end."""
+def training_progress(
+    steps: int, out: Path, *, hidden: bool = False
+) -> "Iterator[Callable[[Curve], None]]":
+    """Shows the losses during training; plots the curves into `out` at the end; neither if hidden."""
+    if hidden:
+        yield lambda curve: None
+        return
     with progress() as bars:
         bar = bars.add_task("training", total=steps)
 

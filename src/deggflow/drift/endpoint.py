@@ -1,17 +1,17 @@
 """Multistep methods of the predicted endpoint, which changes less along a generation than the field does."""
 
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float
 
 from deggflow.shapes import Scalar, States
 from deggflow.solver import Slope
 
-from .base import AbstractDrift, Interval, check_settings, macro_grid
-from .multistep import Differences, no_values, with_value
+from .base import Interval, macro_grid
+from .multistep import AbstractMultistep, Differences, no_values, with_value
 
 ENDPOINT_POWER = 2.5
 
@@ -35,7 +35,7 @@ class _Endpoint(NamedTuple):
 
 
 @dataclass(frozen=True)
-class ExtrapolatedEndpoint(AbstractDrift):
+class ExtrapolatedEndpoint(AbstractMultistep):
     """The drift toward an extrapolated endpoint; of order 2, or nearly 3.
 
     Straight-line paths lead from z(0) to the endpoint x1, so that a field f predicts x1 = z + (1 - tau) f. Along a
@@ -54,12 +54,6 @@ class ExtrapolatedEndpoint(AbstractDrift):
     evaluations: int
     order: int = 3
     power: float = ENDPOINT_POWER
-    step_evaluations: ClassVar[int] = 1
-
-    def __post_init__(self) -> None:
-        check_settings(self.evaluations, self.power)
-        if self.order not in (2, 3):
-            raise ValueError(f"`order` must be 2 or 3; got {self.order}.")
 
     def macro_grid(self) -> Float[np.ndarray, " points"]:
         """As many steps as evaluations."""
@@ -101,7 +95,3 @@ class ExtrapolatedEndpoint(AbstractDrift):
 
         slope = (logarithmic(end) - logarithmic(begin)) / (begin - end)
         return state.mean + slope * state.linear + (begin + end - whole) * state.square
-
-    def field_evaluations(self, readings: Int[Array, "*samples"]) -> Int[Array, "*samples"]:
-        """Those of the macro steps."""
-        return jnp.full_like(readings, self.evaluations)

@@ -28,7 +28,32 @@ class Differences(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Extrapolated(AbstractDrift):
+class AbstractMultistep(AbstractDrift):
+    """A drift made of the field's last values, with one evaluation a macro step.
+
+    Attributes:
+        evaluations: Field evaluations in all, one for each macro step.
+        order: Number of values that count; fewer in the first macro steps.
+        power: Of `macro_grid`.
+    """
+
+    evaluations: int
+    order: int
+    power: float
+    step_evaluations: ClassVar[int] = 1
+
+    def __post_init__(self) -> None:
+        check_settings(self.evaluations, self.power)
+        if self.order not in (2, 3):
+            raise ValueError(f"`order` must be 2 or 3; got {self.order}.")
+
+    def field_evaluations(self, readings: Int[Array, "*samples"]) -> Int[Array, "*samples"]:
+        """Those of the macro steps."""
+        return jnp.full_like(readings, self.evaluations)
+
+
+@dataclass(frozen=True)
+class Extrapolated(AbstractMultistep):
     """The polynomial in tau through the field's last values, as in the Adams-Bashforth methods; of order 2 or 3.
 
     Attributes:
@@ -40,12 +65,6 @@ class Extrapolated(AbstractDrift):
     evaluations: int
     order: int = 2
     power: float = MACRO_POWER
-    step_evaluations: ClassVar[int] = 1
-
-    def __post_init__(self) -> None:
-        check_settings(self.evaluations, self.power)
-        if self.order not in (2, 3):
-            raise ValueError(f"`order` must be 2 or 3; got {self.order}.")
 
     def macro_grid(self) -> Float[np.ndarray, " points"]:
         """As many steps as evaluations; with order 3 the first, which can only hold the field, is short."""
@@ -88,10 +107,6 @@ class Extrapolated(AbstractDrift):
             return value
 
         return (at(middle - half / 3**0.5) + at(middle + half / 3**0.5)) / 2
-
-    def field_evaluations(self, readings: Int[Array, "*samples"]) -> Int[Array, "*samples"]:
-        """Those of the macro steps."""
-        return jnp.full_like(readings, self.evaluations)
 
 
 def no_values(order: int, z0: States) -> Differences:

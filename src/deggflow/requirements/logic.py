@@ -6,7 +6,7 @@ minima and maxima that are never above the exact ones, so that what it reaches h
 
 import abc
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -27,6 +27,10 @@ from .values import Value, resolve
 
 Signal = Float[Array, "agents waypoints"]
 Window = tuple[int, int | None]
+Exact = Callable[..., Array]
+"""A minimum or maximum along an axis."""
+Smooth = Callable[..., Array]
+"""The same, smooth and below it by at most a width."""
 FAR = 1e6  # m, beyond any robustness: what is not in a window
 
 
@@ -98,7 +102,31 @@ class Without(AbstractFormula):
         return minimum_below(gaps, width, axis=0) - self.radius
 
 
-class Both(AbstractFormula):
+class _AbstractPair(AbstractFormula):
+    """Two formulas and what is made of their robustness."""
+
+    one: AbstractFormula
+    other: AbstractFormula
+
+    @property
+    @abc.abstractmethod
+    def combination(self) -> tuple[Exact, Smooth]:
+        """Exact, and smooth below it."""
+
+    def robustness(self, x: Float[Array, "axes agents waypoints"], condition: Any) -> Signal:
+        exact, _ = self.combination
+        parts = [each.robustness(x, condition) for each in (self.one, self.other)]
+        return exact(jnp.stack(parts), axis=0)
+
+    def bound(
+        self, x: Float[Array, "axes agents waypoints"], condition: Any, width: float
+    ) -> Signal:
+        _, smooth = self.combination
+        parts = [each.bound(x, condition, width) for each in (self.one, self.other)]
+        return smooth(jnp.stack(parts), width, axis=0)
+
+
+class Both(_AbstractPair):
     """Both of two formulas.
 
     Attributes:
@@ -106,20 +134,12 @@ class Both(AbstractFormula):
         other: Another.
     """
 
-    one: AbstractFormula
-    other: AbstractFormula
-
-    def robustness(self, x: Float[Array, "axes agents waypoints"], condition: Any) -> Signal:
-        return jnp.minimum(self.one.robustness(x, condition), self.other.robustness(x, condition))
-
-    def bound(
-        self, x: Float[Array, "axes agents waypoints"], condition: Any, width: float
-    ) -> Signal:
-        both = [each.bound(x, condition, width) for each in (self.one, self.other)]
-        return minimum_below(jnp.stack(both), width, axis=0)
+    @property
+    def combination(self) -> tuple[Exact, Smooth]:
+        return jnp.min, minimum_below
 
 
-class Either(AbstractFormula):
+class Either(_AbstractPair):
     """At least one of two formulas.
 
     Attributes:
@@ -127,20 +147,36 @@ class Either(AbstractFormula):
         other: Another.
     """
 
-    one: AbstractFormula
-    other: AbstractFormula
+    @property
+    def combination(self) -> tuple[Exact, Smooth]:
+        return jnp.max, maximum_below
+
+
+class _AbstractWindowed(AbstractFormula):
+    """A formula along a window of waypoints and what is made of its robustness there."""
+
+    inner: AbstractFormula
+    window: Window = eqx.field(static=True, default=(0, None))
+
+    @property
+    @abc.abstractmethod
+    def combination(self) -> tuple[Exact, Smooth, float]:
+        """Exact, smooth below it, and what waypoints outside of the window count as."""
 
     def robustness(self, x: Float[Array, "axes agents waypoints"], condition: Any) -> Signal:
-        return jnp.maximum(self.one.robustness(x, condition), self.other.robustness(x, condition))
+        exact, _, beyond = self.combination
+        inner = self.inner.robustness(x, condition)[:, None]
+        return exact(jnp.where(_seen(self.window, x), inner, beyond), axis=2)
 
     def bound(
         self, x: Float[Array, "axes agents waypoints"], condition: Any, width: float
     ) -> Signal:
-        both = [each.bound(x, condition, width) for each in (self.one, self.other)]
-        return maximum_below(jnp.stack(both), width, axis=0)
+        _, smooth, beyond = self.combination
+        inner = self.inner.bound(x, condition, width)[:, None]
+        return smooth(jnp.where(_seen(self.window, x), inner, beyond), width, axis=2)
 
 
-class Always(AbstractFormula):
+class Always(_AbstractWindowed):
     """A formula holds at all waypoints of a window.
 
     Attributes:
@@ -149,21 +185,12 @@ class Always(AbstractFormula):
             count.
     """
 
-    inner: AbstractFormula
-    window: Window = eqx.field(static=True, default=(0, None))
-
-    def robustness(self, x: Float[Array, "axes agents waypoints"], condition: Any) -> Signal:
-        inner = self.inner.robustness(x, condition)[:, None]
-        return jnp.min(jnp.where(_seen(self.window, x), inner, FAR), axis=2)
-
-    def bound(
-        self, x: Float[Array, "axes agents waypoints"], condition: Any, width: float
-    ) -> Signal:
-        inner = self.inner.bound(x, condition, width)[:, None]
-        return minimum_below(jnp.where(_seen(self.window, x), inner, FAR), width, axis=2)
+    @property
+    def combination(self) -> tuple[Exact, Smooth, float]:
+        return jnp.min, minimum_below, FAR
 
 
-class Eventually(AbstractFormula):
+class Eventually(_AbstractWindowed):
     """A formula holds at some waypoint of a window.
 
     Attributes:
@@ -171,18 +198,9 @@ class Eventually(AbstractFormula):
         window: As of `Always`; from a waypoint at which all of it is beyond the end, the formula fails.
     """
 
-    inner: AbstractFormula
-    window: Window = eqx.field(static=True, default=(0, None))
-
-    def robustness(self, x: Float[Array, "axes agents waypoints"], condition: Any) -> Signal:
-        inner = self.inner.robustness(x, condition)[:, None]
-        return jnp.max(jnp.where(_seen(self.window, x), inner, -FAR), axis=2)
-
-    def bound(
-        self, x: Float[Array, "axes agents waypoints"], condition: Any, width: float
-    ) -> Signal:
-        inner = self.inner.bound(x, condition, width)[:, None]
-        return maximum_below(jnp.where(_seen(self.window, x), inner, -FAR), width, axis=2)
+    @property
+    def combination(self) -> tuple[Exact, Smooth, float]:
+        return jnp.max, maximum_below, -FAR
 
 
 class Until(AbstractFormula):

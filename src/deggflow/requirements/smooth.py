@@ -14,11 +14,7 @@ def minimum_below(values: Float[Array, "..."], width: float, axis: int) -> Float
         >>> float(minimum_below(jnp.array([1.0, 2.0]), 0.1, axis=0)) <= 1.0
         True
     """
-    count = values.shape[axis]
-    if count == 1:
-        return jnp.squeeze(values, axis)
-    sharpness = math.log(count) / width
-    return -logsumexp(-sharpness * values, axis=axis) / sharpness
+    return -_maximum_above(-values, width, axis)
 
 
 def maximum_below(values: Float[Array, "..."], width: float, axis: int) -> Float[Array, "..."]:
@@ -28,8 +24,14 @@ def maximum_below(values: Float[Array, "..."], width: float, axis: int) -> Float
         >>> float(maximum_below(jnp.array([1.0, 2.0]), 0.1, axis=0)) <= 2.0
         True
     """
+    excess = width if values.shape[axis] > 1 else 0.0
+    return _maximum_above(values, width, axis) - excess
+
+
+def _maximum_above(values: Float[Array, "..."], width: float, axis: int) -> Float[Array, "..."]:
+    """A smooth function of the values, at least their maximum and at most `maximum + width`."""
     count = values.shape[axis]
     if count == 1:
         return jnp.squeeze(values, axis)
     sharpness = math.log(count) / width
-    return logsumexp(sharpness * values, axis=axis) / sharpness - width
+    return logsumexp(sharpness * values, axis=axis) / sharpness

@@ -7,9 +7,10 @@ from .agreement import (
     TeamError,
     TooManyLostError,
 )
+from .links import TransportName, loopback_addresses, open_transport, sorted_by
 from .member import Member
 from .messages import AgentMessage, Layout
-from .process import RoundStatistics, Timing, run_agent
+from .process import RoundStatistics, Timing, compile_agent, run_agent
 from .program import Start, TeamProgram
 from .simulation import Fault, Network, Outcome, Simulation
 from .transport import Transport, UdpTransport, free_addresses
@@ -34,8 +35,13 @@ __all__ = [
     "Timing",
     "TooManyLostError",
     "Transport",
+    "TransportName",
     "UdpTransport",
     "ZenohTransport",
+    "compile_agent",
     "free_addresses",
+    "loopback_addresses",
+    "open_transport",
     "run_agent",
+    "sorted_by",
 ]

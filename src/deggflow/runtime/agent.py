@@ -8,11 +8,11 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
-from deggflow.certificate import Certificate, LostAgent
+from deggflow.certificate import Certificate, GenerationRecord
 from deggflow.certification import certify
 from deggflow.generation import Generation
 from deggflow.guidance import AbstractRequirement, DecoupledGuidance
-from deggflow.recording import agent_names
+from deggflow.recording import lost_agents, record
 from deggflow.step_guard import SampleProgress
 
 from .messages import RECORD_ONLY, AgentMessage, Layout
@@ -30,6 +30,15 @@ class TeamGeneration(NamedTuple):
     generation: Generation
     stops: Float[np.ndarray, " agents"]
 
+    def record(self, names: Sequence[str], agents: Sequence[str] | None = None) -> GenerationRecord:
+        """What happened on the way, and who was lost when.
+
+        Args: names: of the requirements; agents: what to call the agents.
+        """
+        generation = self.generation
+        made = record(generation.summary, names, agents, generation.trace)
+        return replace(made, lost=lost_agents(self.stops, agents))
+
     def certify(
         self,
         requirements: DecoupledGuidance | Sequence[AbstractRequirement],
@@ -43,13 +52,10 @@ class TeamGeneration(NamedTuple):
         Args: as of `deggflow.certify`.
         """
         made = certify(self.generation, requirements, condition, mask=mask, agents=agents)
-        labels = agent_names(agents, len(self.stops))
-        lost = tuple(
-            LostAgent(labels[int(k)], float(self.stops[k]))
-            for k in np.flatnonzero(np.isfinite(self.stops))
-        )
         assert made.generation is not None
-        return replace(made, generation=replace(made.generation, lost=lost))
+        return replace(
+            made, generation=replace(made.generation, lost=lost_agents(self.stops, agents))
+        )
 
 
 class _Progress(NamedTuple):
@@ -84,7 +90,7 @@ class Agent:
         Raises:
             ValueError: There is no such agent.
         """
-        agents, dim = start.z0.shape
+        _, dim = start.z0.shape
         if number not in start.present:
             raise ValueError(f"`number` must be one of {start.present}; got {number}.")
         self.number = number
@@ -92,7 +98,7 @@ class Agent:
         rows = len(program.guidance.names)
         self.layout = Layout(dim=dim, rows=rows, dtype=start.z0.dtype)
         self._program, self._start = program, start
-        self._stops = np.full(agents, np.inf, start.z0.dtype)
+        self._stops = start.stops.copy()
         self._grid, self._macro_starts = np.asarray(start.grid), np.asarray(start.macro_starts)
         self._at = _Progress(*program.first(start), 0)
         self._accepted = self._at  # in front of the last accepted point
@@ -139,6 +145,11 @@ class Agent:
         self._at = self._accepted
         self._stops[sorted(lost)] = np.asarray(self._at.sample.proposed_tau)
         return self._assess()
+
+    def unfinished(self) -> Generation:
+        """The generation as far as it is."""
+        made = self._program.generation(self._start, self._at.sample)
+        return jax.tree.map(np.asarray, made)
 
     def _assess(self) -> bytes:
         program, at = self._program, self._at

@@ -13,11 +13,11 @@ from .program import Start, TeamProgram
 
 
 def team_digest(program: TeamProgram, start: Start) -> int:
-    """64 bits that tell a generation from others: z(0), grid, condition and requirements."""
+    """64 bits that tell a generation from others: z(0), grid, who was lost before, condition and requirements."""
     digest = blake2b(digest_size=8)
     condition = fingerprint(start.condition, start.z0.dtype)
     numbers = requirement_numbers(program.guidance.requirements)
-    for part in (start.z0, start.grid, condition, numbers):
+    for part in (start.z0, start.grid, start.stops, condition, numbers):
         digest.update(np.ascontiguousarray(part).tobytes())
     return int.from_bytes(digest.digest(), "little")
 

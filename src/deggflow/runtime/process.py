@@ -5,8 +5,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from deggflow.generation import Generation
+
 from .agent import Agent, TeamGeneration
-from .agreement import HEADER, MAGIC, TeamError
+from .agreement import HEADER, MAGIC, Header, TeamError
 from .member import Member, team_digest
 from .program import Start, TeamProgram
 from .transport import Transport
@@ -70,6 +72,7 @@ def run_agent(
     *,
     faults: int,
     timing: Timing | None = None,
+    greet: bool = True,
     on_round: Callable[[RoundStatistics], None] = lambda statistics: None,
 ) -> TeamGeneration:
     """Takes part in a generation as one of its agents, until all that go on have the sample.
@@ -81,15 +84,17 @@ def run_agent(
         transport: To the others.
         faults: How many agents may be lost.
         timing: Deadline, repetitions and patience; `Timing()` if None.
+        greet: Wait until all others have started. In a later generation of the same processes it need not be so: who does
+            not begin within the deadline is lost.
         on_round: Told of every round.
 
     Raises:
         TeamError: The agent can't go on as a member of its team, or some never started.
     """
     timing = timing or Timing()
-    _compile(program, number, start)
-    waiting = _Waiting(program, number, start, transport)
-    waiting.wait(timing)
+    if greet:
+        compile_agent(program, number, start)
+        _Waiting(program, number, start, transport).wait(timing)
     member = Member(
         program, number, start, faults=faults, deadline=timing.deadline, now=time.monotonic()
     )
@@ -105,11 +110,15 @@ def run_agent(
     return member.generated
 
 
-def _compile(program: TeamProgram, number: int, start: Start) -> None:
-    """All that is compiled before others wait for it."""
+def compile_agent(program: TeamProgram, number: int, start: Start) -> Generation:
+    """Compiles all that an agent runs before others wait for it; returns an unfinished generation, for its shapes.
+
+    Args: as of `run_agent`.
+    """
     trial = Agent(program, number, start)
     message = trial.first_message()
     trial.next_message(dict.fromkeys(start.present, message))
+    return trial.unfinished()
 
 
 class _Waiting:
@@ -118,7 +127,8 @@ class _Waiting:
     def __init__(
         self, program: TeamProgram, number: int, start: Start, transport: Transport
     ) -> None:
-        team = team_digest(program, start).to_bytes(8, "little")
+        self._team = team_digest(program, start)
+        team = self._team.to_bytes(8, "little")
         self._greetings = {HELLO + team + bytes([k]): k for k in start.present}
         self._own = HELLO + team + bytes([number])
         self._missing = set(start.present) - {number}
@@ -144,8 +154,12 @@ class _Waiting:
     def _sender(self, data: bytes) -> int:
         if data in self._greetings:
             return self._greetings[data]
+        if len(data) < HEADER.size:
+            return -1
+        header = Header(*HEADER.unpack_from(data))
         # Whoever has begun has greeted before.
-        return int(data[5]) if len(data) >= HEADER.size and data.startswith(MAGIC) else -1
+        begun = header.magic == MAGIC and header.team == self._team
+        return header.sender if begun else -1
 
 
 class _Loop:

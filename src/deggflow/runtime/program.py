@@ -1,6 +1,6 @@
 """The compiled part of an agent: what it finds at a point by itself, and what the team makes of all that was said."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -36,6 +36,7 @@ class Start(NamedTuple):
         macro_starts: Where macro steps of the drift begin, as indices of the grid.
         condition: What field and requirements are conditioned on.
         mask: Which agents are present; None: all.
+        stops: tau at which each agent stops; 0 for those that were lost before, infinite for all others.
     """
 
     z0: States
@@ -43,12 +44,14 @@ class Start(NamedTuple):
     macro_starts: Int[Array, " macro_steps"]
     condition: Any
     mask: Mask
+    stops: Float[np.ndarray, " agents"]
 
     @property
     def present(self) -> list[int]:
-        """Numbers of the agents that are present."""
-        agents = len(self.z0)
-        return list(range(agents)) if self.mask is None else np.flatnonzero(self.mask).tolist()
+        """Numbers of the agents that take part: those that are present and were not lost before."""
+        moving = self.stops > 0
+        there = moving if self.mask is None else moving & np.asarray(self.mask)
+        return np.flatnonzero(there).tolist()
 
 
 class Assessment(NamedTuple):
@@ -113,14 +116,23 @@ class TeamProgram:
         z0: Float[Array | np.ndarray, "agents dim"],
         condition: Any = None,
         mask: Bool[Array | np.ndarray, " agents"] | None = None,
+        lost: Collection[int] = (),
     ) -> Start:
         """Checks what the team is given, as `generate` does.
+
+        Args:
+            z0: Initial sample.
+            condition: What field and requirements are conditioned on.
+            mask: Which agents are present; None: all.
+            lost: Numbers of agents that were lost before: they stay at z(0), and take no part.
 
         Raises: as `generate`.
         """
         z0 = checked_start(z0, 2)
         grid, starts = aligned(checked_grid(self._grid, refined_grid, z0), self.drift.macro_grid())
-        return Start(z0, grid, starts, condition, per_agent("mask", mask, z0, bool))
+        stops = np.full(len(z0), np.inf, z0.dtype)
+        stops[sorted(lost)] = 0.0
+        return Start(z0, grid, starts, condition, per_agent("mask", mask, z0, bool), stops)
 
     def _guided(self, start: Start) -> GuidedField:
         return GuidedField(

@@ -41,7 +41,7 @@ class UdpTransport:
             OSError: The address can't be bound.
         """
         self._others = [each for k, each in enumerate(addresses) if k != number]
-        self._known = {(socket.gethostbyname(host), port) for host, port in self._others}
+        self._known = {(_resolved(host), port) for host, port in self._others}
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(addresses[number])
 
@@ -82,6 +82,13 @@ class UdpTransport:
     def close(self) -> None:
         """Closes the socket."""
         self._socket.close()
+
+
+def _resolved(host: str) -> str:
+    try:
+        return socket.gethostbyname(host)
+    except OSError as error:
+        raise OSError(error.errno, f"{host} is not known", None) from None
 
 
 def free_addresses(count: int) -> list[tuple[str, int]]:

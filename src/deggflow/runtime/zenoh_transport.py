@@ -82,8 +82,11 @@ class ZenohTransport:
             self._received.put(sample.payload.to_bytes())
 
     def _watch(self, sample: Any) -> None:
+        number = int(str(sample.key_expr).rpartition("/")[2])
         if sample.kind == self._vanished:
-            self._gone.add(int(str(sample.key_expr).rpartition("/")[2]))
+            self._gone.add(number)
+        else:  # it may have been started again
+            self._gone.discard(number)
 
     def broadcast(self, message: bytes) -> None:
         """Sends a message to all others."""

@@ -23,8 +23,9 @@ def studio(
     port: int = PORT,
     browser: bool = True,
     weights: Path | None = None,
+    bridge_weights: Path | None = None,
 ) -> int:
-    """Open a page in the browser on which requirements are edited by hand and scenes follow at once.
+    """Open a page in the browser on which requirements are edited by hand; scenes and bridge trials follow at once.
 
     Needs `pip install 'deggflow[studio]'`, and no network. The page is reached at the printed address alone, which
     holds a token. Set DEGGFLOW_STUDIO_TOKEN to keep the address over several starts.
@@ -33,12 +34,14 @@ def studio(
         host: Address of this machine to listen at; others can then open the page if they know the token.
         port: If it is in use, another one is chosen; 0: any free one.
         browser: Open the browser.
-        weights: Weights of the field; default: the shipped ones.
+        weights: Weights of the tabletop's field; default: the shipped ones.
+        bridge_weights: Weights of the bridge's field; default: the shipped ones.
     """
     check_range("port", port, 0, 65535)
     address = _address(host)
-    if weights is not None and not weights.is_file():
-        raise InputError("there is no such file", file=weights)
+    for path in (weights, bridge_weights):
+        if path is not None and not path.is_file():
+            raise InputError("there is no such file", file=path)
     try:
         import starlette  # noqa: F401
         import uvicorn  # noqa: F401
@@ -53,24 +56,24 @@ def studio(
     token = _given_token() or new_token()
     listener = _listener(address, port)
     where = _with_port(address, listener.getsockname()[1])
-    desk = _late_desk(weights)
+    desks = _late_desks(weights, bridge_weights)
     hosts = [where, *([where.replace("127.0.0.1", "localhost")] if address == "127.0.0.1" else [])]
     url = f"http://{where}/{token}/"
     _leave_when_interrupted()
     print(url, flush=True)
     console().print("The studio runs until Ctrl-C. Keep the address to yourself: it holds a token.")
-    threading.Thread(target=_warm_up, args=(desk,), daemon=True).start()
+    threading.Thread(target=_warm_up, args=(desks["tabletop"],), daemon=True).start()
     if browser:
         threading.Thread(target=_open, args=(url,), daemon=True).start()
-    StudioServer(studio_app(desk, token, hosts)).run(sockets=[listener])
+    StudioServer(studio_app(desks, token, hosts)).run(sockets=[listener])
     return SATISFIED
 
 
-def _late_desk(weights: Path | None) -> Any:
-    """A desk that is imported, with JAX, by the first thread that needs it: the page is served at once."""
+def _late_desks(weights: Path | None, bridge_weights: Path | None) -> dict[str, Any]:
+    """Desks that are imported, with JAX, by the first thread that needs them: the page is served at once."""
     from .conversation import LateDesk
 
-    def load() -> Any:
+    def tabletop() -> Any:
         prepare_jax()
         from deggflow.tasks.tabletop.field import load_field
 
@@ -78,7 +81,15 @@ def _late_desk(weights: Path | None) -> Any:
 
         return TabletopDesk(lambda: load_field(weights))
 
-    return LateDesk(load)
+    def bridge() -> Any:
+        prepare_jax()
+        from deggflow.tasks.bridge.field import load_field
+
+        from .bridge import BridgeDesk
+
+        return BridgeDesk(lambda: load_field(bridge_weights))
+
+    return {"tabletop": LateDesk(tabletop), "bridge": LateDesk(bridge)}
 
 
 def _warm_up(desk: Any) -> None:

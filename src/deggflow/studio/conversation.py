@@ -5,10 +5,12 @@ import sys
 import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from functools import partial
 from threading import Lock
 from typing import Any
 
 import anyio
+import anyio.from_thread
 from anyio.streams.memory import MemoryObjectReceiveStream, MemoryObjectSendStream
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
@@ -22,6 +24,14 @@ Fields = Mapping[str, Any]
 """A message without its "id" and "ask"."""
 
 
+Tell = Callable[[Mapping[str, Any]], None]
+"""Sends the page a part of an answer that is still being made, as a JSON object."""
+
+
+def unheard(part: Mapping[str, Any]) -> None:
+    """Sends nothing: for callers who want the answer alone."""
+
+
 class ClosedError(Exception):
     """The page was closed: nobody waits for the answer."""
 
@@ -30,13 +40,16 @@ class AbstractDesk(ABC):
     """Answers the messages of all pages; keeps nothing of one that another one could see."""
 
     @abstractmethod
-    def answer(self, ask: str, fields: Fields, check: Callable[[], None]) -> dict[str, Any]:
+    def answer(
+        self, ask: str, fields: Fields, check: Callable[[], None], tell: Tell = unheard
+    ) -> dict[str, Any]:
         """The answer to one message, as a JSON object.
 
         Args:
             ask: What the page asks for.
             fields: The rest of the message, as yet unchecked.
             check: To be called now and then during long work; raises `ClosedError` if the page is gone.
+            tell: Sends parts of the answer ahead; raises `ClosedError`, too.
 
         Raises:
             InputError: The message, or what it asks for, is invalid.
@@ -55,9 +68,11 @@ class LateDesk(AbstractDesk):
         self._load, self._loading = load, Lock()
         self._desk: AbstractDesk | None = None
 
-    def answer(self, ask: str, fields: Fields, check: Callable[[], None]) -> dict[str, Any]:
+    def answer(
+        self, ask: str, fields: Fields, check: Callable[[], None], tell: Tell = unheard
+    ) -> dict[str, Any]:
         """As the desk answers."""
-        return self._loaded().answer(ask, fields, check)
+        return self._loaded().answer(ask, fields, check, tell)
 
     def warm_up(self) -> None:
         """Loads the desk, and warms it up."""
@@ -125,6 +140,11 @@ class Conversation:
         except (WebSocketDisconnect, RuntimeError):  # closed meanwhile
             self.closed = True
 
+    def _tell(self, number: int, part: Mapping[str, Any]) -> None:
+        """Called from a worker's thread."""
+        self._check()
+        anyio.from_thread.run(self._send, {"id": number, "part": part})
+
     def _check(self) -> None:
         if self.closed:
             raise ClosedError
@@ -139,7 +159,8 @@ class Conversation:
             fields = dict(message)
             number = expect_integer(fields.pop("id", None), "id", 0, _MAX_ID)
             ask = expect_text(fields.pop("ask", None), "ask")
-            return {"id": number, "answer": self.desk.answer(ask, fields, self._check)}
+            tell = partial(self._tell, number)
+            return {"id": number, "answer": self.desk.answer(ask, fields, self._check, tell)}
         except InputError as error:
             return {"id": number, "error": str(error)}
         except ClosedError:

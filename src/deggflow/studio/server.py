@@ -1,6 +1,6 @@
 """The studio's web application: the page's files, and a websocket for each page."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.resources import files
 from typing import NamedTuple
@@ -50,26 +50,36 @@ def page_assets() -> dict[str, Asset]:
     }
 
 
-def studio_app(desk: AbstractDesk, token: str, hosts: Iterable[str]) -> ASGIApp:
+def studio_app(
+    desks: Mapping[str, AbstractDesk],
+    token: str,
+    hosts: Iterable[str],
+    index: str = "index.html",
+) -> ASGIApp:
     """The application that a server runs.
 
     Args:
-        desk: Answers the pages' messages.
+        desks: Answer the pages' messages; each page names its own.
         token: First part of every path.
         hosts: "address:port" that the browser may use.
+        index: File of the page that the address opens.
     """
     assets = page_assets()
     tabs = 0
     workers = anyio.CapacityLimiter(cores())
 
     async def asset(request: Request) -> Response:
-        name = request.path_params.get("name") or "index.html"
+        name = request.path_params.get("name") or index
         if name not in assets:
             return PlainTextResponse("The page has no such file.", 404)
         return Response(assets[name].content, media_type=assets[name].type)
 
     async def talk(socket: WebSocket) -> None:
         nonlocal tabs
+        desk = desks.get(socket.path_params["desk"])
+        if desk is None:
+            await socket.close(1008, f"the studio has desks for {', '.join(desks)} alone")
+            return
         if tabs >= MAX_TABS:
             await socket.close(1013, f"the studio serves at most {MAX_TABS} pages at once")
             return
@@ -80,7 +90,7 @@ def studio_app(desk: AbstractDesk, token: str, hosts: Iterable[str]) -> ASGIApp:
             tabs -= 1
 
     routes = [
-        WebSocketRoute("/{token}/socket", talk),
+        WebSocketRoute("/{token}/socket/{desk}", talk),
         Route("/{token}/", asset),
         Route("/{token}/{name}", asset),
     ]

@@ -14,7 +14,7 @@ import numpy as np
 
 from deggflow.certificate import Certificate
 from deggflow.flow import Field
-from deggflow.jsonl import InputError, expect_integer, parse_lines
+from deggflow.jsonl import InputError, expect_choice, expect_integer, parse_lines
 from deggflow.schema import parse_as
 from deggflow.tasks.tabletop.changes import random_conditions
 from deggflow.tasks.tabletop.condition import SceneCondition
@@ -26,7 +26,7 @@ from deggflow.tasks.tabletop.settled import judge_generated
 from deggflow.tasks.tabletop.task import scene_generator
 from deggflow.tasks.tabletop.verdict import Poses, judge
 
-from .conversation import AbstractDesk, Fields
+from .conversation import AbstractDesk, Fields, Tell, unheard
 from .exports import EXPORTS, Export
 from .messages import (
     Claim,
@@ -67,11 +67,11 @@ class TabletopDesk(AbstractDesk):
             "export": (Write, self._export),
         }
 
-    def answer(self, ask: str, fields: Fields, check: Callable[[], None]) -> dict[str, Any]:
+    def answer(
+        self, ask: str, fields: Fields, check: Callable[[], None], tell: Tell = unheard
+    ) -> dict[str, Any]:
         """The answer to one message."""
-        if ask not in self._answers:
-            raise InputError(f"must be one of {', '.join(self._answers)}", field="ask")
-        kind, respond = self._answers[ask]
+        kind, respond = self._answers[expect_choice(ask, "ask", self._answers)]
         return respond(parse_as(kind, dict(fields)), check)
 
     def _generators(self) -> tuple[TabletopGenerator, TabletopGenerator]:

@@ -25,13 +25,14 @@ if TYPE_CHECKING:
         FieldOptions,
         GenerateOptions,
         Phase,
+        ProcessOptions,
         Recipe,
         RenderOptions,
         TaskOptions,
         TrainOptions,
         check_range,
     )
-    from .training import train_field
+    from .training import data_files, train_field
 
 # Modules are loaded when first used: options are parsed before JAX is imported.
 _HOME = {
@@ -56,13 +57,14 @@ _HOME = {
         "FieldOptions",
         "GenerateOptions",
         "Phase",
+        "ProcessOptions",
         "Recipe",
         "RenderOptions",
         "TaskOptions",
         "TrainOptions",
         "check_range",
     ),
-    "training": ("train_field",),
+    "training": ("data_files", "train_field"),
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
 
@@ -82,6 +84,7 @@ __all__ = [
     "OnStatus",
     "Phase",
     "PictureRequest",
+    "ProcessOptions",
     "Recipe",
     "RenderOptions",
     "RunSettings",
@@ -90,6 +93,7 @@ __all__ = [
     "TrainOptions",
     "TrainingData",
     "check_range",
+    "data_files",
     "train_field",
     "write_data",
 ]

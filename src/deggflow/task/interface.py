@@ -4,12 +4,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar, runtime_checkable
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 from deggflow.consistency import Line, Unverified, Wrong
 from deggflow.files import StrPath
 from deggflow.flow import Field
 from deggflow.jsonl import read_lines
+from deggflow.tables import read_results
 
 from .model import AbstractModel
 from .options import EvaluateOptions, GenerateOptions, TaskOptions
@@ -31,6 +32,9 @@ class Result(Written, Protocol):
     def condition(self) -> Any:
         """The condition that it was generated for."""
 
+
+if TYPE_CHECKING:
+    from .processes import AgentFactory
 
 C = TypeVar("C", bound=Written)  # conditions
 R = TypeVar("R", bound=Result)
@@ -175,6 +179,7 @@ class AbstractTask(ABC, Generic[C, R]):
         sizes: Least and largest number of agents that `generate --size` takes.
         options: Options of the commands.
         unverified: Fields of a result's line that can't be verified from the file.
+        processes: How its agents are processes; None if they can't be.
     """
 
     name: str
@@ -182,11 +187,17 @@ class AbstractTask(ABC, Generic[C, R]):
     sizes: tuple[int, int]
     options: TaskOptions
     unverified: Unverified
+    processes: "AgentFactory | None" = None
 
     @property
     @abstractmethod
     def claim(self) -> Claim:
         """How results that satisfy their requirements are described."""
+
+    @property
+    @abstractmethod
+    def lines(self) -> Sequence[type[Any]]:
+        """Types of the lines of its files, as of `deggflow.lines`: of results, then of demonstrations if these differ."""
 
     @property
     @abstractmethod
@@ -238,9 +249,9 @@ class AbstractTask(ABC, Generic[C, R]):
         return read_lines(path, self.parse_condition, f"{self.name} condition")
 
     def read_results(self, path: StrPath) -> list[tuple[R, Line]]:
-        """The results of a file, each with its line; raises `InputError` for the first invalid one."""
+        """The results of a JSON Lines file or a table, each with its line; raises `InputError` for the first invalid one."""
         what = f"{self.name} {self.noun}"
-        return read_lines(path, lambda line: (self.parse_result(line), line), what)
+        return read_results(path, lambda line: (self.parse_result(line), line), what, self.lines)
 
 
 @dataclass(frozen=True)

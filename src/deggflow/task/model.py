@@ -11,7 +11,7 @@ from jaxtyping import PRNGKeyArray
 
 from deggflow.files import StrPath
 from deggflow.flow import Field, mac_loss
-from deggflow.train import Augment, Dataset, SampleLoss
+from deggflow.train import Augment, Dataset, SampleLoss, StoredDataset
 
 from .options import Recipe
 
@@ -43,7 +43,7 @@ class TrainingData:
     """Data and loss that a field is trained with.
 
     Attributes:
-        training: Encoded samples with their conditions.
+        training: Encoded samples with their conditions, in memory or in a file.
         validation: Held-out samples with their conditions.
         loss: Loss of one sample.
         augment: Applies a random symmetry of the data during training.
@@ -52,7 +52,7 @@ class TrainingData:
         card: Further entries of the card, for instance those that `load` needs.
     """
 
-    training: Dataset
+    training: Dataset | StoredDataset
     validation: Dataset
     loss: SampleLoss = mac_loss
     augment: Augment | None = None
@@ -70,6 +70,7 @@ class AbstractModel(ABC):
         sizes: Least and largest number of agents.
         chunk: Demonstrations per batch, which are made and written together.
         loss_text: The loss in words, for the card.
+        shipped: The weights file that `load` reads by default; None if there is none.
     """
 
     task: str
@@ -77,6 +78,7 @@ class AbstractModel(ABC):
     sizes: tuple[int, int]
     chunk: int
     loss_text: str
+    shipped: Path | None = None
 
     @abstractmethod
     def demonstrate(
@@ -92,8 +94,16 @@ class AbstractModel(ABC):
         """Lines that `data` prints about the demonstrations in a folder."""
 
     @abstractmethod
-    def load_data(self, training: Path, validation: Path) -> TrainingData:
-        """Encodes two files of demonstrations; raises `InputError` if one is invalid."""
+    def load_data(
+        self, training: Path, validation: Path, scratch: Path | None = None
+    ) -> TrainingData:
+        """Encodes two files of demonstrations, JSON Lines or tables; raises `InputError` if one is invalid.
+
+        Args:
+            training: File of training demonstrations.
+            validation: File of validation demonstrations.
+            scratch: Folder in which a large file's samples may be stored once they are encoded; None: in memory.
+        """
 
     @abstractmethod
     def build(

@@ -7,6 +7,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 from deggflow.jsonl import InputError
 
 MAX_COUNT = 1_000_000
+MAX_RESULTS = 1_000_000_000  # of one run of `generate`, for instance in shards
 MAX_SEED = 2**31 - 1  # JAX's keys are made from 32-bit integers
 MAX_DRAWS = 10_000
 
@@ -146,6 +147,37 @@ class GenerateOptions(FieldOptions):
         """JSON values by name that distinguish runs, besides conditions and weights."""
         elsewhere = ("conditions", "size", "count", "out", "weights")
         return {name: value for name, value in asdict(self).items() if name not in elsewhere}
+
+
+@dataclass(frozen=True)
+class ProcessOptions(GenerateOptions):
+    """Whether each agent is a process, and how processes talk.
+
+    Attributes:
+        processes: Every agent is a process of its own on 127.0.0.1; results are as without.
+        transport: With --processes: datagrams of the operating system, or zenoh (extra deggflow[runtime]).
+        deadline: With --processes: seconds of silence after which an agent is lost.
+        metrics: With --processes: file that receives a JSON object for every round of every agent.
+    """
+
+    processes: bool = False
+    transport: Literal["udp", "zenoh"] = "udp"
+    deadline: float = 5.0
+    metrics: Path | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_range("deadline", self.deadline, 0.5, 3600, "s")
+        if self.processes and not self.guided:
+            raise InputError("--processes goes with --guidance degg; nominal samples need no team")
+        if self.metrics is not None and not self.processes:
+            raise InputError("--metrics goes with --processes")
+
+    def settings(self) -> dict[str, Any]:
+        """As of every task; how processes talk changes no result."""
+        ours = ("processes", "transport", "deadline", "metrics")
+        others = {name: value for name, value in super().settings().items() if name not in ours}
+        return {**others, "processes": True} if self.processes else others
 
 
 @dataclass(frozen=True)

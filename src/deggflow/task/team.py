@@ -18,10 +18,11 @@ from deggflow.field import TeamFeatures
 from deggflow.files import StrPath
 from deggflow.flow import Field
 from deggflow.guidance import AbstractRequirement, DecoupledGuidance
-from deggflow.jsonl import InputError, read_lines
+from deggflow.jsonl import InputError
 from deggflow.sampling import sample
 from deggflow.schema import parse_as
 from deggflow.shapes import States
+from deggflow.tables import read_results
 
 from .interface import (
     AbstractGenerator,
@@ -35,7 +36,7 @@ from .interface import (
 from .options import EvaluateOptions, GenerateOptions, TaskOptions, TrainOptions, check_range
 from .team_model import TeamModel
 from .team_report import TeamOptions, TeamSuccess
-from .team_sample import TeamCondition, TeamSample, parse_sample
+from .team_sample import TeamCondition, TeamSample, parse_sample, sample_lines
 
 ROUNDING = 1e-6  # relative to 1 + |margin|: a certificate's numbers may differ so much from those recomputed
 
@@ -136,6 +137,12 @@ class AbstractTeamTask(AbstractTask[TeamCondition, TeamSample]):
         )
 
     @property
+    def lines(self) -> Sequence[type[Any]]:
+        """Samples with their certificates, and demonstrations."""
+        kind: Any = self.condition
+        return sample_lines(kind)
+
+    @property
     def model(self) -> TeamModel:
         """Demonstrations by the task's expert, and a message-passing field."""
         return TeamModel(self)
@@ -178,9 +185,8 @@ class AbstractTeamTask(AbstractTask[TeamCondition, TeamSample]):
 
     def read_demonstrations(self, path: StrPath) -> list[TeamSample]:
         """All demonstrations of a file; raises `InputError` for the first invalid one."""
-        return read_lines(
-            path, lambda line: self._parse(line, certified=False), f"{self.name} demonstration"
-        )
+        what = f"{self.name} demonstration"
+        return read_results(path, lambda line: self._parse(line, certified=False), what, self.lines)
 
     def _parse(self, value: Any, *, certified: bool) -> TeamSample:
         result = parse_sample(value, self.condition, self.dim, certified=certified)

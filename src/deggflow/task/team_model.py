@@ -37,6 +37,7 @@ class TeamModel(AbstractModel):
         """Args: task: the task of the model."""
         self._task = task
         self.task, self.noun, self.sizes = task.name, f"{task.noun}s", task.sizes
+        self.shipped = task.weights
 
     def demonstrate(
         self, size: int, first: int, count: int, recipe: Recipe, seed: int
@@ -54,7 +55,9 @@ class TeamModel(AbstractModel):
         """No lines."""
         return ()
 
-    def load_data(self, training: Path, validation: Path) -> TrainingData:
+    def load_data(
+        self, training: Path, validation: Path, scratch: Path | None = None
+    ) -> TrainingData:
         """Encodes the states and computes their spread in the training set."""
         data, held_out = self._dataset(training), self._dataset(validation)
         z, mask = np.asarray(data.z), np.asarray(data.mask)

@@ -1,7 +1,8 @@
 """A team's sample and its line in a file; a demonstration is a sample without a certificate."""
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, make_dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from jaxtyping import Float
 
 from deggflow.certificate import Certificate
 from deggflow.jsonl import InputError, expect_integer, expect_list, expect_number, expect_object
+from deggflow.lines import CertificateLine
 from deggflow.records import parse_certificate
 from deggflow.schema import parse_as
 
@@ -53,6 +55,17 @@ class TeamSample:
             **certificate,
             "seed": self.seed,
         }
+
+
+@cache
+def sample_lines(condition: Any) -> tuple[type[Any], type[Any]]:
+    """Types of the lines of samples and of demonstrations, by the dataclass of their conditions."""
+    before = [("condition", condition), ("agents", Sequence[Sequence[float]])]
+    certificate = [("certificate", CertificateLine)]
+    return (
+        make_dataclass("SampleLine", [*before, *certificate, ("seed", int)]),
+        make_dataclass("DemonstrationLine", [*before, ("seed", int)]),
+    )
 
 
 def parse_sample(value: Any, kind: type[TeamCondition], dim: int, *, certified: bool) -> TeamSample:

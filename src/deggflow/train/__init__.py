@@ -3,6 +3,7 @@
 from .folder import read_curves, run_segments
 from .loop import TrainingState, train
 from .settings import Augment, Curve, Dataset, Remake, SampleLoss, TrainingConfig
+from .store import StoredDataset
 
 __all__ = [
     "Augment",
@@ -10,6 +11,7 @@ __all__ = [
     "Dataset",
     "Remake",
     "SampleLoss",
+    "StoredDataset",
     "TrainingConfig",
     "TrainingState",
     "read_curves",

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .settings import Augment, Dataset, SampleLoss, TrainingConfig
+from .store import StoredDataset
 
 CONTENT = ", sha256 "  # between an array's shape and the digest of its bytes
 SECTIONS = ("settings", "identity", "functions", "data", "field")  # of config.json
@@ -44,6 +45,11 @@ def parts(value: Any, name: str, *, trained: bool) -> Iterator[tuple[str, str]]:
         trained: Whether its floating-point arrays change in training; their description then has dtype and shape, but
             not their content.
     """
+    if isinstance(value, StoredDataset):
+        paths = jax.tree_util.tree_leaves_with_path(value.structure)
+        for (path, each), digest in zip(paths, value.digests, strict=True):
+            yield name + jax.tree_util.keystr(path), f"{each.dtype} {each.shape}{CONTENT}{digest}"
+        return
     leaf = value is None or jax.tree_util.all_leaves([value])
     within = trained and not leaf  # the inside of a leaf is not trained
     if isinstance(value, partial):
@@ -82,7 +88,7 @@ def _flat(value: Mapping[str, Any], name: str = "") -> Iterator[tuple[str, Any]]
 
 def description(
     field: eqx.Module,
-    training: Dataset,
+    training: Dataset | StoredDataset,
     validation: Dataset,
     config: TrainingConfig,
     identity: Mapping[str, Any],

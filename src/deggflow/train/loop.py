@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from functools import partial
 from hashlib import sha256
 from itertools import pairwise
@@ -12,8 +13,9 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 import optax
-from jaxtyping import Array, Int, PRNGKeyArray
+from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from deggflow.files import StrPath, write_atomically
 from deggflow.flow import mac_loss
@@ -22,6 +24,8 @@ from deggflow.locks import locked
 from deggflow.shapes import Scalar
 
 from . import checkpoints
+from .devices import Devices
+from .feed import stretch_length, stretches
 from .folder import (
     VERSION,
     ConfigFile,
@@ -34,6 +38,7 @@ from .folder import (
 )
 from .identity import description
 from .settings import Augment, Curve, Dataset, SampleLoss, TrainingConfig, check_samples
+from .store import StoredDataset
 
 _VALIDATION_KEY = 2**31 - 1  # folded into the seed's key; no training step reaches it
 
@@ -100,14 +105,16 @@ def _make_programs(
     optimizer: optax.GradientTransformation,
     loss: SampleLoss,
     augment: Augment | None,
+    devices: Devices,
 ) -> tuple[Callable[..., Any], Callable[..., Any]]:
     root = jax.random.key(config.seed)
 
-    def step(data: Dataset, state: TrainingState, _: None) -> tuple[TrainingState, Array]:
+    def step(
+        data: Dataset, state: TrainingState, index: Int[Array, " batch"]
+    ) -> tuple[TrainingState, Array]:
         # Batch, noise and tau depend on the step number only, so a resumed run continues exactly.
-        index_key, loss_key = jax.random.split(jax.random.fold_in(root, state.step))
-        index = jax.random.randint(index_key, (config.batch,), 0, data.z.shape[0])
-        batch = jax.tree.map(lambda leaf: leaf[index], data)
+        loss_key = jax.random.split(jax.random.fold_in(root, state.step))[1]
+        batch = devices.divided(jax.tree.map(lambda leaf: leaf[index], data))
 
         def of_weights(weights: Any) -> Scalar:
             return _batch_loss(eqx.combine(weights, static), batch, loss_key, loss, augment)
@@ -119,9 +126,10 @@ def _make_programs(
         return TrainingState(weights, averaged, optimizer_state, state.step + 1), value
 
     @partial(jax.jit, donate_argnums=0)
-    def advance(state: TrainingState, data: Dataset) -> tuple[TrainingState, Scalar]:
-        state, losses = jax.lax.scan(partial(step, data), state, None, length=config.validate_every)
-        return state, jnp.mean(losses)
+    def advance(
+        state: TrainingState, data: Dataset, index: Int[Array, "steps batch"]
+    ) -> tuple[TrainingState, Float[Array, " steps"]]:
+        return jax.lax.scan(partial(step, data), state, index)
 
     @jax.jit
     def validate(state: TrainingState, data: Dataset) -> Scalar:
@@ -131,9 +139,26 @@ def _make_programs(
     return advance, validate
 
 
+def _draw_batches(
+    config: TrainingConfig, samples: int, steps: int
+) -> Callable[[int], Int[np.ndarray, "steps batch"]]:
+    """Numbers of the samples of `steps` batches, by the first step: with replacement from all samples."""
+    root = jax.random.key(config.seed)
+
+    @jax.jit
+    def draw(first: Int[Array, ""]) -> Int[Array, "steps batch"]:
+        def one(step: Int[Array, ""]) -> Int[Array, " batch"]:
+            key = jax.random.split(jax.random.fold_in(root, step))[0]
+            return jax.random.randint(key, (config.batch,), 0, samples)
+
+        return jax.vmap(one)(first + jnp.arange(steps))
+
+    return lambda first: np.asarray(draw(jnp.asarray(first)))
+
+
 def train(
     field: eqx.Module,
-    training: Dataset,
+    training: Dataset | StoredDataset,
     validation: Dataset,
     config: TrainingConfig,
     folder: StrPath,
@@ -142,6 +167,7 @@ def train(
     loss: SampleLoss = mac_loss,
     augment: Augment | None = None,
     on_progress: Callable[[Curve], None] = lambda curve: None,
+    devices: Sequence[jax.Device] | None = None,
 ) -> tuple[eqx.Module, list[Curve]]:
     """Trains a field, resumes an interrupted run in the same folder, or extends a finished run.
 
@@ -163,7 +189,7 @@ def train(
 
     Args:
         field: Defines the architecture and the initial weights; it is not modified.
-        training: Training data, any number of samples.
+        training: Training data, any number of samples; in memory, or in a file, with the same result.
         validation: Held-out data, any number of samples.
         config: Settings.
         folder: Folder for `config.json`, `curves.csv` and checkpoints.
@@ -171,31 +197,50 @@ def train(
         loss: Loss of one sample, L_MAC by default.
         augment: Symmetry of the data, applied to x1 with a key and the condition.
         on_progress: Called at each point of the curves, and with the last point of a resumed run.
+        devices: Divide each batch; a run may be resumed on others. By default one device, or all if `jax.distributed`
+            connects several processes, of which the first one writes the folder.
 
     Raises:
         InputError: The folder holds another run or a run of an older version, its files are damaged, or another process
             is training in it.
-        ValueError: Parts of the data have different numbers of samples, or `identity` has values that JSON cannot
-            represent.
+        ValueError: Parts of the data have different numbers of samples, `identity` has values that JSON cannot
+            represent, or the devices can't divide a batch equally.
 
     Returns:
         The field with averaged weights, and the curves from the first step on.
     """
     folder = Path(folder)
-    training, validation = jax.tree.map(jnp.asarray, (training, validation))
-    for name, data in (("training", training), ("validation", validation)):
-        check_samples(name, data)
+    placement = Devices(devices)
+    if config.batch % placement.count:
+        raise ValueError(
+            f"`batch` must be a multiple of the number of devices, {placement.count}; got {config.batch}."
+        )
+    validation = jax.tree.map(jnp.asarray, validation)
+    check_samples("validation", validation)
+    if not isinstance(training, StoredDataset):
+        in_memory: Dataset = jax.tree.map(jnp.asarray, training)
+        check_samples("training", in_memory)
+        training = in_memory
     settings = description(field, training, validation, config, identity or {}, loss, augment)
     folder.mkdir(parents=True, exist_ok=True)
-    with locked(folder / "config.json"):
+    with locked(folder / "config.json") if placement.writes else nullcontext():
         return _run(
-            field, training, validation, config, folder, settings, loss, augment, on_progress
+            field,
+            training,
+            validation,
+            config,
+            folder,
+            settings,
+            loss,
+            augment,
+            on_progress,
+            placement,
         )
 
 
 def _run(
     field: eqx.Module,
-    training: Dataset,
+    training: Dataset | StoredDataset,
     validation: Dataset,
     config: TrainingConfig,
     folder: Path,
@@ -203,6 +248,7 @@ def _run(
     loss: SampleLoss,
     augment: Augment | None,
     on_progress: Callable[[Curve], None],
+    devices: Devices,
 ) -> tuple[eqx.Module, list[Curve]]:
     """`train` in a folder that no other process writes to."""
     path, checkpoint_folder = folder / "config.json", folder / "checkpoints"
@@ -223,17 +269,27 @@ def _run(
     if last_step:
         state = checkpoints.restore(checkpoint_folder, last_step, state, run)
     contents = {"version": VERSION, "segments": segments, **settings}
-    if contents != stored:
+    if contents != stored and devices.writes:
         write_atomically(path, json.dumps(contents, indent=2) + "\n")
     own_config = config_file(path)
-    advance, validate = _make_programs(static, config, optimizer, loss, augment)
+    advance, validate = _make_programs(static, config, optimizer, loss, augment, devices)
     for curve in curves[-1:]:
         on_progress(curve)
-    while int(state.step) < config.steps:
-        state, mean_loss = advance(state, training)
+    samples = training.count if isinstance(training, StoredDataset) else len(training.mask)
+    length = stretch_length(training, config.validate_every, config.batch)
+    draw = _draw_batches(config, samples, length)
+    state, validation = devices.replicate((state, validation))
+    losses: list[np.ndarray] = []
+    for stretch in stretches(training, range(last_step, config.steps, length), draw, devices):
+        state, some = advance(state, *stretch)
+        losses.append(np.asarray(some))
+        if int(state.step) % config.validate_every:
+            continue
         held_out = float(validate(state, validation))
-        curves.append(Curve(int(state.step), float(mean_loss), held_out))
-        _save(folder, own_config, curves, state, run)
+        curves.append(Curve(int(state.step), float(np.mean(np.concatenate(losses))), held_out))
+        losses = []
+        if devices.writes:
+            _save(folder, own_config, curves, state, run)
         on_progress(curves[-1])
     return eqx.combine(state.averaged, static), curves
 

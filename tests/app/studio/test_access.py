@@ -11,11 +11,11 @@ from deggflow.studio.server import page_assets, studio_app
 
 TOKEN, HOST = "a-token-of-the-tests", "127.0.0.1:8765"
 ORIGIN = {"origin": f"http://{HOST}"}
-SOCKET = f"ws://{HOST}/{TOKEN}/socket"
+SOCKET = f"ws://{HOST}/{TOKEN}/socket/echo"
 
 
 class Echo(AbstractDesk):
-    def answer(self, ask, fields, check):
+    def answer(self, ask, fields, check, tell):
         return {"ask": ask, **fields}
 
     def warm_up(self):
@@ -24,7 +24,7 @@ class Echo(AbstractDesk):
 
 @pytest.fixture
 def client():
-    return TestClient(studio_app(Echo(), TOKEN, [HOST]), base_url=f"http://{HOST}")
+    return TestClient(studio_app({"echo": Echo()}, TOKEN, [HOST]), base_url=f"http://{HOST}")
 
 
 def test_the_page_and_all_its_files_are_served(client):
@@ -47,7 +47,7 @@ def test_the_page_asks_nothing_of_another_host(client):
 
 
 @pytest.mark.parametrize("token", ["", "wrong", TOKEN[:-1], TOKEN + "x", TOKEN.upper(), "ä"])
-@pytest.mark.parametrize("path", ["", "main.js", "socket"])
+@pytest.mark.parametrize("path", ["", "main.js", "socket/echo"])
 def test_without_the_token_nothing_is_served(client, token, path):
     answer = client.get(f"/{token}/{path}")
     assert answer.status_code == 404

@@ -22,7 +22,7 @@ class Counting(AbstractDesk):
     def __init__(self):
         self.started, self.stopped = threading.Event(), threading.Event()
 
-    def answer(self, ask, fields, check):
+    def answer(self, ask, fields, check, tell):
         if ask == "count":
             self.started.set()
             try:
@@ -32,6 +32,9 @@ class Counting(AbstractDesk):
             except ClosedError:
                 self.stopped.set()
                 raise
+        if ask == "parts":
+            for k in range(3):
+                tell({"number": k})
         if ask == "sleep":
             time.sleep(fields["seconds"])
         if ask == "fail":
@@ -52,14 +55,14 @@ def desk():
 @pytest.fixture
 def client(desk):
     with TestClient(
-        studio_app(desk, "token-of-tests", [HOST]), base_url=f"http://{HOST}"
+        studio_app({"desk": desk}, "token-of-tests", [HOST]), base_url=f"http://{HOST}"
     ) as client:
         yield client
 
 
 def connect(client):
     return client.websocket_connect(
-        f"ws://{HOST}/token-of-tests/socket", headers={"origin": f"http://{HOST}"}
+        f"ws://{HOST}/token-of-tests/socket/desk", headers={"origin": f"http://{HOST}"}
     )
 
 
@@ -90,6 +93,13 @@ def test_a_bad_message_is_answered_in_one_line_and_survived(client, text, error)
         assert error in answer["error"]
         assert "\n" not in answer["error"]
         assert told(socket, {"id": 7, "ask": "echo"}) == {"id": 7, "answer": {"ask": "echo"}}
+
+
+def test_parts_of_an_answer_come_before_it(client):
+    with connect(client) as socket:
+        parts = [told(socket, {"id": 4, "ask": "parts"}), *(json.loads(socket.receive_text()) for _ in range(2))]  # fmt: skip
+        assert parts == [{"id": 4, "part": {"number": k}} for k in range(3)]
+        assert json.loads(socket.receive_text()) == {"id": 4, "answer": {"ask": "parts"}}
 
 
 def test_an_error_of_the_server_is_told_and_survived(client, capfd):

@@ -5,12 +5,14 @@ const PAUSE = 1000; // ms between tries to connect again
 
 export class Connection {
   /**
+   * @param {string} desk of the server that answers
    * @param {(open: boolean) => void} onChange told when the connection opens or is lost
    */
-  constructor(onChange) {
+  constructor(desk, onChange) {
+    this.desk = desk;
     this.onChange = onChange;
     this.count = 0;
-    /** @type {Map<number, {resolve: (answer: any) => void, reject: (error: Error) => void}>} */
+    /** @type {Map<number, {resolve: (answer: any) => void, reject: (error: Error) => void, onPart: (part: any) => void}>} */
     this.waiting = new Map();
     /** @type {WebSocket | null} */
     this.socket = null;
@@ -18,7 +20,7 @@ export class Connection {
   }
 
   open() {
-    const address = new URL("socket", location.href);
+    const address = new URL(`socket/${this.desk}`, location.href);
     address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
     const socket = new WebSocket(address);
     this.socket = socket;
@@ -39,24 +41,29 @@ export class Connection {
   /**
    * @param {string} ask
    * @param {object} fields
+   * @param {(part: any) => void} onPart given parts of the answer that come before it
    * @returns {Promise<any>} the answer; rejected with the server's one-line error
    */
-  ask(ask, fields = {}) {
+  ask(ask, fields = {}, onPart = () => {}) {
     return new Promise((resolve, reject) => {
       if (!this.socket || !this.ready) {
         reject(new Lost());
         return;
       }
       const id = ++this.count;
-      this.waiting.set(id, { resolve, reject });
+      this.waiting.set(id, { resolve, reject, onPart });
       this.socket.send(JSON.stringify({ id, ask, ...fields }));
     });
   }
 
   /** @param {string} text */
   receive(text) {
-    const { id, answer, error } = JSON.parse(text);
+    const { id, answer, error, part } = JSON.parse(text);
     const asked = this.waiting.get(id);
+    if (part !== undefined) {
+      asked?.onPart(part);
+      return;
+    }
     this.waiting.delete(id);
     if (error === undefined) asked?.resolve(answer);
     else if (asked) asked.reject(new Error(error));

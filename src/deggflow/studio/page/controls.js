@@ -17,7 +17,7 @@ const MAX_SEED = 2 ** 31 - 1;
  * @param {{min: number, max: number, step: number}} range
  * @param {(value: number) => void} onChange
  */
-const numberField = (home, id, label, range, onChange) => {
+export const numberField = (home, id, label, range, onChange) => {
   const input = /** @type {HTMLInputElement} */ (html("input", { id, type: "number", ...range }));
   input.addEventListener("change", () => {
     if (input.value !== "" && input.checkValidity()) onChange(input.valueAsNumber);
@@ -190,6 +190,6 @@ export class Controls {
 }
 
 /** @param {HTMLInputElement} input @param {number} value */
-const put = (input, value) => {
+export const put = (input, value) => {
   if (document.activeElement !== input || input.valueAsNumber === value) input.value = String(value);
 };

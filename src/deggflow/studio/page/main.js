@@ -134,7 +134,7 @@ const report = (shown) => {
 
 /** @type {Studio | null} */
 let studio = null;
-const connection = new Connection(async (open) => {
+const connection = new Connection("tabletop", async (open) => {
   if (!open) {
     showTrouble(new Error("The studio has stopped, or this page was opened without its token. Start `deggflow studio` and open the address it prints."));
     return;

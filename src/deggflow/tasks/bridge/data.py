@@ -14,9 +14,9 @@ from deggflow.jsonl import (
     expect_integer,
     expect_number,
     expect_object,
-    read_lines,
 )
 from deggflow.statistics import Rate
+from deggflow.tables import read_results
 from deggflow.train import Dataset
 
 from .codec import continuation, spline_coefficients, spline_matrix
@@ -31,6 +31,7 @@ from .expert import (
     windows,
 )
 from .formats import parse_condition, parse_twists
+from .lines import LINES
 from .motion import contact_velocity
 from .verdict import integrate
 from .world import EXECUTED
@@ -81,7 +82,7 @@ def parse_demonstration(value: Any) -> Demonstration:
 
 def read_demonstrations(path: StrPath) -> list[Demonstration]:
     """All demonstrations of a file, or `InputError` for the first that is wrong."""
-    return read_lines(path, parse_demonstration, "bridge demonstration")
+    return read_results(path, parse_demonstration, "bridge demonstration", LINES)
 
 
 def approaches(path: StrPath) -> dict[str, Rate]:

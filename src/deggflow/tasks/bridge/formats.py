@@ -20,8 +20,10 @@ from deggflow.jsonl import (
     read_lines,
 )
 from deggflow.records import parse_generation
+from deggflow.tables import read_results
 
 from .condition import TrialCondition
+from .lines import LINES
 from .trial import MAX_SPEED, PolicyRecord, Trial, TrialCertificate
 from .world import (
     CONTACT_SIDE,
@@ -200,5 +202,5 @@ def parse_trial(value: Any) -> Trial:
 
 
 def read_trials(path: StrPath) -> list[Trial]:
-    """All trials of a file, or `InputError` for the first that is wrong."""
-    return read_lines(path, parse_trial, "bridge trial")
+    """All trials of a JSON Lines file or a table, or `InputError` for the first that is wrong."""
+    return read_results(path, parse_trial, "bridge trial", LINES)

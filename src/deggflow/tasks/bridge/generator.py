@@ -43,6 +43,14 @@ class Round(NamedTuple):
     condition: BridgeCondition  # of these trials; numpy arrays in float64
 
 
+class Progress(NamedTuple):
+    """What one policy has done to a trial."""
+
+    trial: int  # its number in the run
+    poses: Float[np.ndarray, "poses 3"]  # of the plank, from the initial one
+    record: PolicyRecord  # of the policy, accepted or refused
+
+
 class Replay(NamedTuple):
     """A trial, and what each of its policies was conditioned on."""
 
@@ -79,7 +87,11 @@ def _nobody(_: Round) -> None:
     """Watches no round."""
 
 
-class _PolicyRollout:
+def _unseen(_: Progress) -> None:
+    """Watches no progress."""
+
+
+class PolicyRollout:
     """A rollout under policies: what is left of the previous one, and the record of each."""
 
     def __init__(self, start: Start, number: int) -> None:
@@ -90,20 +102,28 @@ class _PolicyRollout:
 
     @property
     def condition(self) -> TrialCondition:
+        """Of the trial."""
         return self.rollout.condition
 
     def carry_out(
         self, plan: Float[np.ndarray, "horizon 3"], verdict: Verdict, record: PolicyRecord
     ) -> None:
+        """Executes a policy that was accepted."""
         self.records.append(record)
         self.rollout.carry_out(plan, verdict)
         self.previous = plan
 
     def stop(self, record: PolicyRecord, reason: str) -> None:
+        """Ends the trial where it stands, as no draw was accepted."""
         self.records.append(record)
         self.rollout.stop(reason)
 
+    def progress(self) -> Progress:
+        """Its poses so far and the record of its last policy."""
+        return Progress(self.number, np.array(self.rollout.poses), self.records[-1])
+
     def finish(self, seed: int, speed_limit: float | None) -> Trial:
+        """The trial with its certificate."""
         twists, bridged = self.rollout.executed(), self.rollout.bridged
         verdict = execute(self.rollout.poses[0], twists, self.condition.contacts)
         failure = self.rollout.failure
@@ -129,7 +149,7 @@ class _PolicyRollout:
         )  # fmt: skip
 
 
-def _stack(runs: Sequence[_PolicyRollout], agents: int) -> BridgeCondition:
+def stacked(runs: Sequence[PolicyRollout], agents: int) -> BridgeCondition:
     """What the next policies are conditioned on; numpy arrays in float64."""
     contacts, mask = np.zeros((len(runs), agents, 2)), np.zeros((len(runs), agents), bool)
     for k, run in enumerate(runs):
@@ -182,6 +202,12 @@ class BridgeGenerator:
         """What makes a policy's draw of this number, from 1: a policy that is refused again and again gets finer steps."""
         return self.policies if number <= COARSE_DRAWS else self.finer
 
+    def draw(
+        self, number: int, noise: Float[np.ndarray, "trials agents dim"], condition: BridgeCondition
+    ) -> Policies:
+        """A policy's draw of this number, from 1, of some trials from given z(0)."""
+        return self.of_draw(number).batch(noise, condition)
+
     def trials(
         self,
         conditions: Sequence[TrialCondition],
@@ -208,6 +234,7 @@ class BridgeGenerator:
         first: int = 0,
         max_draws: int = MAX_DRAWS,
         on_round: Callable[[Round], None] = _nobody,
+        on_policy: Callable[[Progress], None] = _unseen,
     ) -> Iterator[list[Trial]]:
         """Trials with certificates, in order, as soon as they and those before them are over.
 
@@ -217,20 +244,23 @@ class BridgeGenerator:
             first: Number of the first condition in the run.
             max_draws: Limit for each policy; without guidance every policy is executed as it is drawn.
             on_round: Told before each policy what it is conditioned on.
+            on_policy: Told of each trial after each of its policies.
         """
         if max_draws < 1:
             raise ValueError(f"`max_draws` must be at least 1; got {max_draws}.")
         rest = np.zeros(3), np.zeros((HORIZON, 3))
-        runs = [_PolicyRollout(Start(each, *rest), first + k) for k, each in enumerate(conditions)]
+        runs = [PolicyRollout(Start(each, *rest), first + k) for k, each in enumerate(conditions)]
         agents = padded_robots(max((len(c.contacts) for c in conditions), default=0))
         count = 0
         for policy in range(MAX_POLICIES):
             under_way = [run for run in runs if not run.rollout.over]
             if not under_way:
                 break
-            condition = _stack(under_way, agents)
+            condition = stacked(under_way, agents)
             on_round(Round(policy, tuple(run.number for run in under_way), condition))
-            self._advance(under_way, condition, seed, policy, max_draws)
+            self.advance(under_way, condition, seed, policy, max_draws)
+            for run in under_way:
+                on_policy(run.progress())
             over = list(takewhile(lambda run: run.rollout.over, runs[count:]))
             count += len(over)
             if over:
@@ -242,9 +272,9 @@ class BridgeGenerator:
         self, starts: Sequence[Start], *, seed: int = 0, max_draws: int = MAX_DRAWS
     ) -> list[Single]:
         """One policy from each start, of at least one robot; arguments as in `trials`."""
-        runs = [_PolicyRollout(start, number) for number, start in enumerate(starts)]
+        runs = [PolicyRollout(start, number) for number, start in enumerate(starts)]
         agents = padded_robots(max(len(start.condition.contacts) for start in starts))
-        self._advance(runs, _stack(runs, agents), seed, 0, max_draws)
+        self.advance(runs, stacked(runs, agents), seed, 0, max_draws)
         return [
             Single(
                 run.condition,
@@ -266,19 +296,20 @@ class BridgeGenerator:
         )
         return Replay(trial, [take(each.condition, 0) for each in rounds])
 
-    def _advance(
+    def advance(
         self,
-        runs: list[_PolicyRollout],
+        runs: list[PolicyRollout],
         condition: BridgeCondition,
         seed: int,
         policy: int,
         max_draws: int,
     ) -> None:
+        """Carries out the next policy of each run, or stops it where no draw is accepted."""
+
         def attempt(pending: Sequence[int], number: int) -> list[Candidate[_Refusal | None]]:
             numbers = np.array([runs[k].number for k in pending])
-            policies = self.of_draw(number + 1).batch(
-                initial_noise(seed, numbers, policy, number), take(condition, np.array(pending))
-            )
+            noise = initial_noise(seed, numbers, policy, number)
+            policies = self.draw(number + 1, noise, take(condition, np.array(pending)))
             refusals = [
                 self._try(runs[k], policies, row, number + 1, policy)
                 for row, k in enumerate(pending)
@@ -298,7 +329,7 @@ class BridgeGenerator:
                 )
 
     def _try(
-        self, run: _PolicyRollout, policies: Policies, row: int, draws: int, policy: int
+        self, run: PolicyRollout, policies: Policies, row: int, draws: int, policy: int
     ) -> _Refusal | None:
         """Executes a policy, or returns why it is refused."""
         plan = policies.twists[row]
@@ -328,7 +359,7 @@ class BridgeGenerator:
 
 
 def _refusal(
-    run: _PolicyRollout,
+    run: PolicyRollout,
     policies: Policies,
     row: int,
     verdict: Verdict,

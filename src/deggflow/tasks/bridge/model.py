@@ -17,7 +17,7 @@ from .codec import decode_twists
 from .condition import Scales
 from .data import Example, approaches, load_dataset, to_json
 from .expert import random_demonstration
-from .field import BridgeField, load_field
+from .field import BridgeField, load_field, shipped_weights
 from .motion import contact_velocity
 from .world import EXECUTED, HORIZON, MAX_ROBOTS, MIN_ROBOTS
 
@@ -61,6 +61,7 @@ class BridgeModel(AbstractModel):
     noun = "demonstrations"
     sizes = (MIN_ROBOTS, MAX_ROBOTS)
     chunk = 256
+    shipped = shipped_weights()
     loss_text = "L_MAC + 0.16 L_motion + 0.45 L_twist, tau ~ Unif[0, 1], z(0) ~ N(0, I)"
 
     def demonstrate(
@@ -77,7 +78,9 @@ class BridgeModel(AbstractModel):
             for approach, rate in approaches(folder / "training.jsonl").items()
         ]
 
-    def load_data(self, training: Path, validation: Path) -> TrainingData:
+    def load_data(
+        self, training: Path, validation: Path, scratch: Path | None = None
+    ) -> TrainingData:
         """Windows of demonstrations, scaled by the statistics of the training set."""
         windows, scales = load_dataset(training, None, perturb=True)
         held_out, _ = load_dataset(validation, scales, perturb=True)

@@ -42,7 +42,7 @@ class BridgeTrain(options.TrainOptions):
 
 
 @dataclass(frozen=True)
-class BridgeGenerate(BridgeFieldOptions, options.GenerateOptions):
+class BridgeGenerate(BridgeFieldOptions, options.ProcessOptions):
     """Which trials are generated, and how.
 
     Attributes:

@@ -1,5 +1,6 @@
 """One policy for each trial of a batch, in one compiled program; its end checked in float64."""
 
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -14,7 +15,7 @@ from deggflow.certificate import GenerationRecord
 from deggflow.drift import AbstractDrift, AfterPrediction, ExtrapolatedEndpoint
 from deggflow.generation import Generation, generate, refined_grid
 from deggflow.guidance import AbstractGuidance, DecoupledGuidance, NoGuidance
-from deggflow.recording import record
+from deggflow.recording import lost_agents, record
 from deggflow.sampler import Sampler, numbered_noise
 from deggflow.shapes import States
 from deggflow.step_guard import StepGuard
@@ -58,13 +59,18 @@ class Policies(NamedTuple):
     ]  # largest of each contact point in executed actions, m/s
     summary: Summary  # of each generation; leaves with a leading axis of trials
     names: tuple[str, ...]  # of the requirements
+    stops: Float[np.ndarray, "trials agents"] | None = None  # tau at which robots were lost
 
     def record(self, trial: int, robots: int) -> GenerationRecord | None:
         """What happened in one generation, by the names of its robots; None if it was not guided."""
         if not self.names:
             return None
         summary = jax.tree.map(lambda leaf: leaf[trial], self.summary)
-        return record(summary, self.names, [f"robot {k + 1}" for k in range(robots)])
+        labels = [f"robot {k + 1}" for k in range(robots)]
+        made = record(summary, self.names, labels)
+        if self.stops is None:
+            return made
+        return replace(made, lost=lost_agents(self.stops[trial], labels))
 
     def infeasible(self, trial: int) -> Bool[np.ndarray, " agents"]:
         """Which robots had no input that met their rows, or no direction to act along, at some step."""
@@ -179,7 +185,20 @@ class PolicyGenerator:
         self, noise: Float[np.ndarray, "trials agents dim"], condition: BridgeCondition
     ) -> tuple[Any, ...]:
         """A block of policies with their ends."""
-        policies = self.draw(noise, rounded(condition))
+        return self._ends(self.draw(noise, rounded(condition)), condition)
+
+    def finished(self, generation: Generation, condition: BridgeCondition) -> Policies:
+        """Policies that were generated elsewhere, with their ends.
+
+        Args:
+            generation: Of all trials, as numpy arrays.
+            condition: Of all trials; numpy arrays in float64.
+        """
+        assert isinstance(self.guidance, DecoupledGuidance)
+        twists, q_task, bound, q_safe, speed, summary = self._ends(generation, condition)
+        return Policies(twists, q_task, bound, q_safe, speed, summary, self.guidance.names)
+
+    def _ends(self, policies: Generation, condition: BridgeCondition) -> tuple[Any, ...]:
         with jax.enable_x64(True):
             z = jnp.asarray(policies.z, jnp.float64)
             exact = jax.tree.map(jnp.asarray, condition)

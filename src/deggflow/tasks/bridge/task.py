@@ -24,10 +24,12 @@ from .consistency import UNVERIFIED, contradictions, other_condition
 from .field import BridgeField
 from .formats import parse_condition, parse_trial
 from .generator import BridgeGenerator, Round
+from .lines import LINES
 from .model import BridgeModel
 from .options import OPTIONS, BridgeEvaluate, BridgeGenerate
 from .oracle import fastest_contact, refutation
 from .policies import few_evaluations
+from .processes import BridgeProcesses
 from .report import HardEvaluation, ModesEvaluation, SuccessEvaluation, evaluation_of
 from .requirements import bridge_guidance
 from .scenes import random_conditions
@@ -84,10 +86,12 @@ class BridgeTask(AbstractTask[TrialCondition, Trial]):
     name = "bridge"
     noun = "trial"
     sizes = (MIN_ROBOTS, MAX_ROBOTS)
+    lines = LINES
     options = OPTIONS
     unverified = UNVERIFIED
     claim = Claim("trial bridges the gap", "trials bridge the gap")
     model = BridgeModel()
+    processes = BridgeProcesses()
 
     def parse_condition(self, value: Any, field: str = "") -> TrialCondition:
         """As `formats.parse_condition`."""

@@ -1,22 +1,30 @@
 """Training scenes of the tabletop: their generation, and reading them as arrays."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import islice
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from deggflow.blocks import padded_batch
 from deggflow.certificate import Certificate
 from deggflow.files import StrPath
 from deggflow.jsonl import InputError
+from deggflow.locks import locked
 from deggflow.redraw import Candidate, redraw_until_satisfied
-from deggflow.train import Dataset
+from deggflow.tables import longest_list, table_rows
+from deggflow.train import Dataset, StoredDataset
+from deggflow.train.store import is_stored, store
 
 from .changes import random_conditions
 from .codec import Pose, decode_exactly, encode
 from .condition import SceneCondition, padded_size, take, to_arrays
-from .formats import read_scenes
+from .formats import parse_condition, parse_poses, read_scenes
+from .library import MAX_OBJECTS
+from .lines import SceneLine
 from .options import SceneRecipe
 from .relax import relaxed_scenes
 from .scene import Scene, finished
@@ -25,6 +33,10 @@ from .verdict import judge
 
 CHUNK = 512  # scenes relaxed at once
 MAX_ATTEMPTS = 50  # random arrangements tried for one scene
+STORED_AT_ONCE = 2048  # scenes
+
+Arrangement = tuple[SceneCondition, Float[np.ndarray, "objects 3"]]
+"""A condition and its objects' poses; m and rad."""
 
 
 def _attempt(
@@ -78,11 +90,54 @@ def make_scenes(size: int, first: int, count: int, recipe: SceneRecipe, seed: in
 def load_dataset(path: StrPath) -> Dataset:
     """Scenes of a file as encoded training data; `InputError` if the file is invalid."""
     scenes = read_scenes(path)
-    conditions = [scene.condition for scene in scenes]
-    agents = padded_size(max(len(c.objects) for c in conditions))
-    arrays = to_arrays(conditions, agents)
+    agents = padded_size(max(len(scene.condition.objects) for scene in scenes))
+    return _encoded([(scene.condition, scene.poses) for scene in scenes], agents)
+
+
+def _encoded(scenes: Sequence[Arrangement], agents: int) -> Dataset:
+    arrays = to_arrays([condition for condition, _ in scenes], agents)
     poses = np.zeros((len(scenes), agents, 3))
-    for row, scene in zip(poses, scenes, strict=True):
-        row[: len(scene.poses)] = scene.poses
+    for row, (_, own) in zip(poses, scenes, strict=True):
+        row[: len(own)] = own
     z = jax.vmap(encode)(Pose(*np.moveaxis(poses.astype(np.float32), -1, 0)), arrays)
     return Dataset(z, arrays, arrays.mask)
+
+
+def stored_dataset(path: StrPath, out: Path) -> StoredDataset:
+    """Scenes of a table as encoded training data in a file, which is written unless it holds them already.
+
+    Args:
+        path: The table; only its columns `condition` and `objects` are read.
+        out: File of records.
+
+    Raises:
+        InputError: The table can't be read, or holds an invalid scene.
+    """
+    most = longest_list(path, "condition.objects")
+    if not 1 <= most <= MAX_OBJECTS:
+        raise InputError(
+            f"scenes to train on have 1 to {MAX_OBJECTS} objects; got {most}", file=path
+        )
+    agents, status = padded_size(most), Path(path).stat()
+    source = {"bytes": status.st_size, "changed": status.st_mtime_ns, "agents": agents}
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with locked(out, wait=True):  # processes that train together share the file
+        if not is_stored(out, source):
+            chunks = (_encoded(some, agents) for some in _batches(_arrangements(path)))
+            store(out, chunks, source)
+    first = list(islice(_arrangements(path), 1))
+    return StoredDataset(out, _encoded(first, agents))
+
+
+def _arrangements(path: StrPath) -> Iterator[Arrangement]:
+    for number, row in enumerate(table_rows(path, SceneLine, ["condition", "objects"]), start=1):
+        try:
+            condition = parse_condition(row["condition"], "condition")
+            yield condition, parse_poses(row["objects"], condition)
+        except InputError as error:
+            raise InputError(error.reason, file=path, line=number, field=error.field) from None
+
+
+def _batches(scenes: Iterator[Arrangement]) -> Iterator[list[Arrangement]]:
+    while some := list(islice(scenes, STORED_AT_ONCE)):
+        yield some

@@ -4,6 +4,7 @@ import math
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from deggflow.files import StrPath
 from deggflow.jsonl import (
@@ -17,6 +18,7 @@ from deggflow.jsonl import (
     shorten,
 )
 from deggflow.records import parse_certificate
+from deggflow.tables import read_results
 
 from .condition import Affordance, Balance, SceneCondition
 from .library import (
@@ -27,6 +29,7 @@ from .library import (
     is_object_name,
     type_name,
 )
+from .lines import LINES
 from .scene import Scene
 
 MIN_SCALE, MAX_SCALE = 0.01, 10.0
@@ -122,7 +125,14 @@ def parse_scene(value: Any) -> Scene:
     keys = ("condition", "objects", "certificate", "seed")
     entries = expect_object(value, "", keys, keys)
     condition = parse_condition(entries["condition"], "condition")
-    objects = entries["objects"]
+    poses = parse_poses(entries["objects"], condition)
+    seed = expect_integer(entries["seed"], "seed", 0, MAX_SEED)
+    certificate = parse_certificate(entries["certificate"], "certificate")
+    return Scene(condition, poses, certificate, seed)
+
+
+def parse_poses(objects: Any, condition: SceneCondition) -> Float[np.ndarray, "objects 3"]:
+    """The poses of a scene's objects from their JSON list, x, y and theta; raises `InputError` with the field."""
     if not isinstance(objects, list) or len(objects) != len(condition.objects):
         raise InputError("must list the condition's objects, one pose each", field="objects")
     poses = []
@@ -137,11 +147,9 @@ def parse_scene(value: Any) -> Scene:
                 for key in ("x", "y", "theta")
             ]
         )
-    seed = expect_integer(entries["seed"], "seed", 0, MAX_SEED)
-    certificate = parse_certificate(entries["certificate"], "certificate")
-    return Scene(condition, np.array(poses), certificate, seed)
+    return np.array(poses)
 
 
 def read_scenes(path: StrPath) -> list[Scene]:
-    """All scenes of a file, or `InputError` for the first that is wrong."""
-    return read_lines(path, parse_scene, "tabletop scene")
+    """All scenes of a JSON Lines file or a table, or `InputError` for the first that is wrong."""
+    return read_results(path, parse_scene, "tabletop scene", LINES)

@@ -7,6 +7,7 @@ Arrays may have a last axis of samples (`*samples`): a batch's short lists of pa
 side as one after the other.
 """
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -102,6 +103,24 @@ def _to_agents(
     return value[:agents] + extra
 
 
+# Compiled by itself so that a program that evaluates it at several places traces it once.
+@partial(jax.jit, static_argnums=(0, 1))
+def _violation_and_gradient(
+    margins: "TabletopMargins",
+    buffer: float,
+    z: Float[Array, "agents 3 *samples"],
+    condition: TabletopCondition,
+) -> tuple[Float[Array, "agents *samples"], Float[Array, "agents 3 *samples"]]:
+    def summed(
+        z: Float[Array, "agents 3 *samples"],
+    ) -> tuple[Scalar, Float[Array, "agents *samples"]]:
+        parts = margins.violation(z, condition, buffer)
+        return jnp.sum(parts), parts
+
+    gradient, parts = jax.grad(summed, has_aux=True)(z)
+    return parts, gradient
+
+
 class TabletopMargins(AbstractMargins):
     """The margins of each object, in m: it is apart from others, its regions are free, it and they are on the table.
 
@@ -161,20 +180,7 @@ class TabletopMargins(AbstractMargins):
         self, z: Float[Array, "agents 3"], condition: TabletopCondition, buffer: float
     ) -> tuple[Float[Array, " agents"], Float[Array, "agents 3"]]:
         """V_i of each agent, and the gradient of their sum; a batch (by `vmap`) has its samples along the last axis."""
-
-        def both(
-            z: Float[Array, "agents 3 *samples"], condition: TabletopCondition
-        ) -> tuple[Float[Array, "agents *samples"], Float[Array, "agents 3 *samples"]]:
-            def summed(
-                z: Float[Array, "agents 3 *samples"],
-            ) -> tuple[Scalar, Float[Array, "agents *samples"]]:
-                parts = self.violation(z, condition, buffer)
-                return jnp.sum(parts), parts
-
-            gradient, parts = jax.grad(summed, has_aux=True)(z)
-            return parts, gradient
-
-        one = jax.custom_batching.custom_vmap(both)
+        one = jax.custom_batching.custom_vmap(partial(_violation_and_gradient, self, buffer))
 
         @one.def_vmap
         def _(size: int, batched: Any, z: Any, condition: Any) -> Any:
@@ -183,7 +189,9 @@ class TabletopMargins(AbstractMargins):
                     leaf = jnp.broadcast_to(leaf, (size, *jnp.shape(leaf)))
                 return jnp.moveaxis(leaf, 0, -1)
 
-            out = both(*jax.tree.map(last, (z, condition), tuple(batched)))
+            out = _violation_and_gradient(
+                self, buffer, *jax.tree.map(last, (z, condition), tuple(batched))
+            )
             return jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -1, 0), out), (True, True)
 
         return one(z, condition)

@@ -8,10 +8,11 @@ from jaxtyping import PRNGKeyArray
 
 from deggflow.field import MessagePassingField
 from deggflow.files import StrPath
+from deggflow.tables import is_table
 from deggflow.task import AbstractModel, Recipe, TrainingData
 
-from .data import CHUNK, load_dataset, make_scenes
-from .field import build_field, load_field
+from .data import CHUNK, load_dataset, make_scenes, stored_dataset
+from .field import build_field, load_field, shipped_weights
 from .library import MAX_OBJECTS
 from .options import SceneRecipe
 from .symmetry import random_symmetry
@@ -24,6 +25,7 @@ class TabletopModel(AbstractModel):
     noun = "scenes"
     sizes = (1, MAX_OBJECTS)
     chunk = CHUNK
+    shipped = shipped_weights()
     loss_text = (
         "L_MAC, tau ~ Unif[0, 1], z(0) ~ N(0, I), the table's four symmetries drawn at random"
     )
@@ -39,11 +41,15 @@ class TabletopModel(AbstractModel):
         """No lines: scenes are of one kind."""
         return ()
 
-    def load_data(self, training: Path, validation: Path) -> TrainingData:
-        """Encoded poses."""
-        return TrainingData(
-            load_dataset(training), load_dataset(validation), augment=random_symmetry
-        )
+    def load_data(
+        self, training: Path, validation: Path, scratch: Path | None = None
+    ) -> TrainingData:
+        """Encoded poses; those of a training table are stored in `scratch`."""
+        held_out = load_dataset(validation)
+        if scratch is None or not is_table(training):
+            return TrainingData(load_dataset(training), held_out, augment=random_symmetry)
+        stored = stored_dataset(training, scratch / "training.records")
+        return TrainingData(stored, held_out, augment=random_symmetry)
 
     def build(
         self, key: PRNGKeyArray, data: TrainingData, architecture: Mapping[str, int]

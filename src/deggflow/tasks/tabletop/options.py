@@ -49,7 +49,7 @@ class TabletopTrain(options.TrainOptions):
 
 
 @dataclass(frozen=True)
-class TabletopGenerate(options.GenerateOptions):
+class TabletopGenerate(options.ProcessOptions):
     """Which scenes are generated, and how.
 
     Attributes:

@@ -26,8 +26,10 @@ from .formats import parse_condition, parse_scene
 from .generator import TabletopGenerator, few_evaluations
 from .large import is_large, make_scenes
 from .library import MAX_LARGE, MAX_OBJECTS
+from .lines import LINES
 from .model import TabletopModel
 from .options import OPTIONS, TabletopEvaluate, TabletopGenerate
+from .processes import TabletopProcesses
 from .report import AllocationComparison, SuccessEvaluation, evaluation_of
 from .requirements import tabletop_guidance
 from .scene import Scene
@@ -64,10 +66,12 @@ class TabletopTask(AbstractTask[SceneCondition, Scene]):
     name = "tabletop"
     noun = "scene"
     sizes = (1, MAX_LARGE)
+    lines = LINES
     options = OPTIONS
     unverified = UNVERIFIED
     claim = Claim("scene satisfies every requirement", "scenes satisfy every requirement")
     model = TabletopModel()
+    processes = TabletopProcesses()
 
     def parse_condition(self, value: Any, field: str = "") -> SceneCondition:
         """As `formats.parse_condition`."""

@@ -1,0 +1,169 @@
+// @ts-check
+/** The bridge page's state: what is asked for, what is shown, and how the one follows the other. */
+
+import { Lost } from "./connection.js";
+import { latestOnly } from "./studio.js";
+
+/** @typedef {import("./bridge-types.js").Condition} Condition */
+/** @typedef {import("./bridge-types.js").Trial} Trial */
+/** @typedef {import("./bridge-types.js").Nominal} Nominal */
+/** @typedef {import("./bridge-types.js").Policy} Policy */
+/** @typedef {import("./types.js").Pose} Pose */
+
+/**
+ * A trial on the page.
+ * @typedef {object} Shown
+ * @property {Trial} trial its line in a file, parsed
+ * @property {string} line
+ * @property {string | null} refuted what independent checks find wrong
+ * @property {Nominal | null} nominal from the same z(0); null if it is not known
+ * @property {string | null} command
+ * @property {number} number of the trial in its file, from 0
+ */
+
+const KEY = "deggflow-studio-bridge"; // of this tab's storage
+
+export class BridgeStudio {
+  /**
+   * @param {import("./connection.js").Connection} connection
+   * @param {() => void} onChange
+   * @param {(error: Error | null) => void} onTrouble
+   * @param {(busy: boolean) => void} onBusy
+   */
+  constructor(connection, onChange, onTrouble, onBusy) {
+    this.connection = connection;
+    this.onChange = onChange;
+    this.onTrouble = onTrouble;
+    this.onBusy = onBusy;
+    this.work = latestOnly();
+    this.look = latestOnly();
+    /** @type {Condition} */
+    this.condition = { plank: { x: 0, y: 0, theta: 0 }, goal: { x: 0, y: 0, theta: 0 }, contacts: [] };
+    this.seed = 0;
+    this.maxDraws = 8;
+    /** @type {number | null} m/s */
+    this.speedLimit = null;
+    this.live = true;
+    /** @type {{start: string | null, goal: string | null}} what is wrong with the plank at its start and goal */
+    this.wrong = { start: null, goal: null };
+    /** @type {Shown | null} */
+    this.shown = null;
+    /** @type {{poses: Pose[], policies: Policy[]} | null} of the trial under way */
+    this.underway = null;
+    /** @type {{line: string, refuted: string | null, number: number}[]} of the file that was opened */
+    this.rows = [];
+  }
+
+  /** What an earlier visit of this tab left. @returns {boolean} whether there was something */
+  restore() {
+    try {
+      const kept = JSON.parse(sessionStorage.getItem(KEY) ?? "null");
+      if (!kept) return false;
+      Object.assign(this, kept);
+      return true;
+    } catch {
+      return false;
+    }
+  }
+
+  keep() {
+    const { condition, seed, maxDraws, speedLimit, live } = this;
+    try {
+      sessionStorage.setItem(KEY, JSON.stringify({ condition, seed, maxDraws, speedLimit, live }));
+    } catch {
+      // The tab's storage is full: the page works without it.
+    }
+  }
+
+  get asked() {
+    const { condition, seed, maxDraws, speedLimit } = this;
+    return { condition, seed, max_draws: maxDraws, speed_limit: speedLimit };
+  }
+
+  /** Whether the trial that is shown is not what is asked for. */
+  get stale() {
+    return this.shown !== null && numbersOf(this.shown.trial.condition) !== numbersOf(this.condition);
+  }
+
+  /** @param {Partial<Condition>} part @param {{dragging?: boolean}} options while dragging, the trial waits */
+  edit(part, { dragging = false } = {}) {
+    this.condition = { ...this.condition, ...part };
+    this.onChange();
+    if (dragging || !this.live) this.place();
+    else this.run();
+  }
+
+  /** What is wrong with start and goal. */
+  place() {
+    return this.look(() => this.attempt(async () => {
+      this.wrong = await this.connection.ask("placed", { condition: this.condition });
+    }));
+  }
+
+  run() {
+    return this.work(async () => {
+      this.onBusy(true);
+      await this.attempt(async () => {
+        const { asked } = this;
+        this.wrong = await this.connection.ask("placed", { condition: asked.condition });
+        const { x, y, theta } = asked.condition.plank;
+        const underway = { poses: [/** @type {Pose} */ ([x, y, theta])], policies: /** @type {Policy[]} */ ([]) };
+        this.underway = underway;
+        const found = await this.connection.ask("run", asked, ({ poses, policy }) => {
+          underway.poses.push(...poses);
+          underway.policies.push(policy);
+          this.onChange();
+        });
+        this.shown = { ...found, trial: JSON.parse(found.line), number: 0 };
+      });
+      this.underway = null;
+      this.keep();
+      this.onChange();
+      this.onBusy(false);
+    });
+  }
+
+  /** Both factors while a policy of the trial that is shown was generated. @param {number} policy */
+  course(policy) {
+    const { line, number } = /** @type {Shown} */ (this.shown);
+    return this.connection.ask("course", { line, number, policy });
+  }
+
+  /** Rows of a file that the server has read. @param {{line?: string, refuted?: string | null, condition?: Condition}[]} rows */
+  openRows(rows) {
+    const [first] = rows;
+    this.rows = rows.flatMap(({ line, refuted = null }, number) => (line ? [{ line, refuted, number }] : []));
+    if (this.rows.length) this.showRow(0);
+    else if (first.condition) {
+      this.condition = first.condition;
+      this.run();
+    }
+  }
+
+  /** @param {number} row of `rows` */
+  showRow(row) {
+    const { line, refuted, number } = this.rows[row];
+    const trial = JSON.parse(line);
+    this.condition = trial.condition;
+    this.seed = trial.seed;
+    this.speedLimit = trial.certificate.speed_limit ?? null;
+    this.shown = { trial, line, refuted, nominal: null, command: null, number };
+    this.onTrouble(null);
+    this.onChange();
+    this.place();
+  }
+
+  /** @param {() => Promise<void>} task */
+  async attempt(task) {
+    try {
+      await task();
+      this.onTrouble(null);
+      this.onChange();
+    } catch (error) {
+      if (!(error instanceof Lost)) this.onTrouble(/** @type {Error} */ (error));
+    }
+  }
+}
+
+/** A condition as text, whatever the order of its entries. @param {Condition} condition */
+const numbersOf = ({ plank, goal, contacts }) => JSON.stringify([plank.x, plank.y, plank.theta, goal.x, goal.y, goal.theta, contacts]);
