@@ -41,8 +41,8 @@ class Column(NamedTuple):
 def column(kind: Any) -> Column:
     """The column of a type.
 
-    Types may be bool, int, float, str, Literal, TypedDicts, dataclasses, unions with None, and sequences and str-keyed
-    mappings of these. An absent key of a TypedDict is null in the table.
+    Types may be bool, int, float, str, Literal, TypedDicts, dataclasses, unions with None, sequences and str-keyed
+    mappings of these, and the union of a TypedDict and the name of one. An absent key of a TypedDict is null in the table.
 
     Example:
         >>> from typing import NotRequired, TypedDict
@@ -68,7 +68,11 @@ def column(kind: Any) -> Column:
 def _column(kind: Any) -> Column:
     origin, parts = get_origin(kind), get_args(kind)
     if origin in (Union, types.UnionType):
-        (other,) = (part for part in parts if part is not type(None))
+        others = [part for part in parts if part is not type(None)]
+        if len(others) == 2 and str in others:
+            (whole,) = (part for part in others if part is not str)
+            return _named(column(whole))
+        (other,) = others
         return _optional(column(other))
     if is_typeddict(kind) or is_dataclass(kind):
         return _struct(kind)
@@ -157,6 +161,20 @@ def _struct(kind: Any) -> Column:
         }
 
     struct = arrow.struct([arrow.field(name, each.type) for name, each in inner.items()])
+    return Column(struct, encode, decode)
+
+
+def _named(inner: Column) -> Column:
+    """The column of a struct, or of the name that stands for one."""
+    arrow = imported("pyarrow", "data", "a Parquet table")
+
+    def encode(value: Any) -> dict[str, Any]:
+        return {NAME: value} if isinstance(value, str) else {NAME: None, **inner.encode(value)}
+
+    def decode(value: Any) -> Any:
+        return inner.decode(value) if value[NAME] is None else value[NAME]
+
+    struct = arrow.struct([arrow.field(NAME, arrow.string()), *inner.type])
     return Column(struct, encode, decode)
 
 

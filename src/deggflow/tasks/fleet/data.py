@@ -10,14 +10,16 @@ import numpy as np
 from jaxtyping import Float
 
 from deggflow.files import StrPath
-from deggflow.jsonl import InputError, expect_integer, expect_object, read_lines
+from deggflow.jsonl import InputError, expect_integer, expect_object
 from deggflow.statistics import Rate
+from deggflow.tables import read_results
 from deggflow.task.options import MAX_SEED
 from deggflow.train import Dataset
 
 from .choice import least_distance
 from .condition import APART, FleetCondition, Robot, to_arrays
 from .formats import parse_condition
+from .lines import LINES
 from .maps import NAMED, SPEED_LIMITS, FloorMap, random_map
 from .paths import DIM, MODES, WAYPOINTS, to_modes
 from .planner import demonstrate
@@ -129,7 +131,7 @@ def parse_demonstration(value: Any) -> Demonstration:
 
 def read_demonstrations(path: StrPath) -> list[Demonstration]:
     """All demonstrations of a file, or `InputError` for the first that is wrong."""
-    return read_lines(path, parse_demonstration, "fleet demonstration")
+    return read_results(path, parse_demonstration, "fleet demonstration", LINES)
 
 
 def conflict_free(demonstrations: Sequence[Demonstration]) -> Mapping[str, Rate]:

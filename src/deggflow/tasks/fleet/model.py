@@ -60,7 +60,9 @@ class FleetModel(AbstractModel):
             for name, rate in conflict_free(made).items()
         ]
 
-    def load_data(self, training: Path, validation: Path) -> TrainingData:
+    def load_data(
+        self, training: Path, validation: Path, scratch: Path | None = None
+    ) -> TrainingData:
         """Encoded paths, and the spread of their modes."""
         data, held_out = load_dataset(training), load_dataset(validation)
         of_modes = spread(data)
