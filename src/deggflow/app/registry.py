@@ -132,6 +132,7 @@ SHIPPED = (
         "Paths of robots that share a floor, clear of obstacles and of each other.",
         "plan",
         "deggflow.tasks.fleet.options:OPTIONS",
+        "deggflow.tasks.fleet.lines:LINES",
         "deggflow.tasks.fleet.task:FleetTask",
         "deggflow.view.fleet.results:FleetPictures",
     ),
