@@ -6,15 +6,18 @@ BIN := $(VENV)/bin
 # takes a third as long. Tests of rounding are compiled as users do; `make test XLA_FLAGS=` does so with all.
 XLA_FLAGS ?= --xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true --xla_cpu_use_fusion_emitters=false
 
-.PHONY: help demo quick test lint bench ray clean
+.PHONY: help demo quick test test-matrix lint docs bench ray release-check clean
 
 help:
 	@echo "make demo   set up, generate certified scenes, draw them into demo/"
 	@echo "make quick  set up, reproduce every table and figure with few cases into reproduction-quick/"
 	@echo "make test   set up, run the tests"
-	@echo "make lint   set up, check style and types"
+	@echo "make lint   set up, check style, types and spelling"
+	@echo "make docs   set up, run the tutorials, build the documentation into site/"
 	@echo "make bench  set up with the peers, time everything into benchmarks/results.json; ARGS=--quick for a look"
 	@echo "make ray    set up with Ray, generate 100,000 scenes while workers, a node and the driver are killed; ARGS='--count 2000' for a look"
+	@echo "make test-matrix    run the tests under every Python from 3.11 to 3.14 that is there, or that uv can get"
+	@echo "make release-check  build the package, install the wheel into a fresh environment, run demo and tests from it"
 
 $(VENV)/.base: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "deggflow needs Python >= 3.11; set PYTHON=/path/to/python"; exit 1; }
@@ -25,7 +28,7 @@ $(VENV)/.base: pyproject.toml
 	fi
 	@touch $@
 
-$(VENV)/.dev $(VENV)/.bench $(VENV)/.ray: $(VENV)/.%: $(VENV)/.base
+$(VENV)/.dev $(VENV)/.bench $(VENV)/.docs $(VENV)/.ray $(VENV)/.release: $(VENV)/.%: $(VENV)/.base
 	@if command -v uv >/dev/null 2>&1; then \
 		uv pip install --quiet --python $(BIN)/python -e '.[$*]'; \
 	else \
@@ -45,6 +48,17 @@ test: $(VENV)/.dev
 
 lint: $(VENV)/.dev
 	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
+	@$(BIN)/codespell src tests docs examples benchmarks *.md
+
+docs: $(VENV)/.dev $(VENV)/.docs
+	@$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet --builder html docs site
+	@echo "The documentation is in site/index.html."
+
+test-matrix:
+	@VERSIONS="$(VERSIONS)" tests/matrix.sh $(ARGS)
+
+release-check: $(VENV)/.release
+	@PYTHON=$(PYTHON) RELEASE=$(BIN)/python tests/release_check.sh
 
 bench: $(VENV)/.bench
 	@$(BIN)/python benchmarks/run.py $(ARGS)
@@ -53,4 +67,4 @@ ray: $(VENV)/.ray
 	@$(BIN)/python benchmarks/ray_faults.py --folder ray-faults $(ARGS)
 
 clean:
-	rm -rf $(VENV) demo reproduction-quick ray-faults .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .venvs dist site docs/tutorials demo reproduction-quick ray-faults .pytest_cache .mypy_cache .ruff_cache .hypothesis

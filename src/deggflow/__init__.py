@@ -15,6 +15,7 @@ if TYPE_CHECKING:
         Held,
         Midpoint,
     )
+    from .frames import to_pandas
     from .generation import Generation, generate, generate_batch, refined_grid
     from .guidance import (
         DecoupledGuidance,
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
         min_norm_input,
         safe_norm,
     )
+    from .plotting import plot
+    from .pretrained import ModelCard, from_pretrained, save_pretrained
     from .sampling import Samples, sample
     from .solver import EULER, HEUN, RK4
     from .step_guard import StepGuard
@@ -49,7 +52,9 @@ _HOME = {
         "ExtrapolatedEndpoint",
         "Held",
         "Midpoint",
+        "ModelCard",
     ),
+    "frames": ("to_pandas",),
     "generation": ("Generation", "generate", "generate_batch", "refined_grid"),
     "guidance": (
         "DecoupledGuidance",
@@ -63,10 +68,14 @@ _HOME = {
         "SharedRequirements",
         "TighteningBound",
         "distances",
+        "from_pretrained",
         "hinge_violation",
         "min_norm_input",
+        "plot",
         "safe_norm",
     ),
+    "plotting": ("plot",),
+    "pretrained": ("ModelCard", "from_pretrained", "save_pretrained"),
     "sampling": ("Samples", "sample"),
     "solver": ("EULER", "HEUN", "RK4"),
     "step_guard": ("StepGuard",),
@@ -88,6 +97,7 @@ __all__ = [
     "Held",
     "Local",
     "Midpoint",
+    "ModelCard",
     "NoGuidance",
     "Own",
     "Pooled",
@@ -101,14 +111,18 @@ __all__ = [
     "certify",
     "certify_batch",
     "distances",
+    "from_pretrained",
     "generate",
     "generate_batch",
     "hinge_violation",
     "min_norm_input",
+    "plot",
     "refined_grid",
     "requirements",
     "safe_norm",
     "sample",
+    "save_pretrained",
+    "to_pandas",
     "verdicts",
 ]
 
@@ -121,3 +135,8 @@ def __getattr__(name: str) -> Any:
     value = getattr(importlib.import_module(f"deggflow.{_MODULE_OF[name]}"), name)
     globals()[name] = value
     return value
+
+
+def __dir__() -> list[str]:
+    """All public names, loaded or not, for completion and documentation."""
+    return sorted({*globals(), *__all__})

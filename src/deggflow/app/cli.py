@@ -4,6 +4,7 @@ import sys
 
 from tyro.extras import SubcommandApp
 
+from deggflow import __version__
 from deggflow.jsonl import InputError
 from deggflow.studio.command import studio
 
@@ -15,12 +16,13 @@ from .merge import merge
 from .registry import SHIPPED, RegisteredEntry, registered
 from .reproduce.command import reproduce
 from .run import run_app
-from .session import BAD_INPUT, UNFORESEEN
+from .session import BAD_INPUT, SATISFIED, UNFORESEEN
 from .start import INTERRUPTED, MESSAGE
 
 _DESCRIPTION = (
     "Generative flow models of several agents that keep hard guarantees: guided generation, "
-    "a certificate for every result, and a clear explanation when a requirement can't be met."
+    "a certificate for every result, and a clear explanation when a requirement can't be met. "
+    "`deggflow --version` prints the version."
 )
 
 
@@ -63,6 +65,9 @@ def main(arguments: list[str] | None = None) -> None:
         argv = sys.argv[1:] if arguments is None else arguments
         if any("\0" in argument for argument in argv):
             raise InputError("an argument must not contain a NUL character")
+        if argv == ["--version"]:
+            print(f"deggflow {__version__}")
+            sys.exit(SATISFIED)
         code = _app(next(iter(argv), None)).cli(
             args=argv, prog="deggflow", description=_DESCRIPTION
         )

@@ -2,6 +2,7 @@
 
 import json
 import sys
+import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -284,16 +285,22 @@ def run_jobs(
         jobs = jobs[part.first : part.first + part.lines]
         settings = {**settings, **shard.settings(part)}
     with progress() as bars:
-        bar = bars.add_task("evaluating", total=len(jobs))
-        if out is None:
-            rows = []
-            for job in jobs:
-                rows.append(job())
-                bars.advance(bar)
-            return rows
-        return resumed_rows(
-            jobs, kind, settings, out, lambda count: bars.update(bar, completed=count)
-        )
+        bar, start = bars.add_task("evaluating", total=len(jobs)), time.monotonic()
+
+        def show(count: int) -> None:
+            bars.update(bar, completed=count)
+            if bars.disable:
+                elapsed = f"{time.monotonic() - start:.0f} s"
+                text = f"evaluated {count} of {len(jobs)} rows in {elapsed}"
+                print(text, file=sys.stderr, flush=True)
+
+        if out is not None:
+            return resumed_rows(jobs, kind, settings, out, show)
+        rows = []
+        for job in jobs:
+            rows.append(job())
+            show(len(rows))
+        return rows
 
 
 def resumed_rows(

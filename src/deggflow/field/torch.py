@@ -21,7 +21,7 @@ from .foreign import Call, Extras, check_velocity, name_of, no_extras, state_tim
 
 try:
     import torch as torch  # re-exported, so that importers get the error message below
-    from torch.utils.dlpack import from_dlpack
+    from torch.utils.dlpack import from_dlpack as from_dlpack
 except ModuleNotFoundError as error:
     raise ImportError("PyTorch modules need PyTorch: pip install 'deggflow[torch]'") from error
 
