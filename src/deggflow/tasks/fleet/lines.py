@@ -40,4 +40,13 @@ class PlanLine(TypedDict):
     seed: int
 
 
-LINES = (PlanLine,)
+class DemonstrationLine(TypedDict):
+    """As `Demonstration` in a file."""
+
+    condition: FleetConditionLine
+    paths: Sequence[Sequence[Sequence[float]]]
+    seed: int
+    number: int
+
+
+LINES = (PlanLine, DemonstrationLine)

@@ -23,6 +23,7 @@ from .consistency import UNVERIFIED, contradictions, holds, other_condition
 from .drawn import random_conditions
 from .formats import parse_condition, parse_plan
 from .generator import FleetGenerator
+from .lines import LINES
 from .model import FleetModel
 from .options import OPTIONS, FleetEvaluate, FleetGenerate
 from .plan import Plan
@@ -54,6 +55,7 @@ class FleetTask(AbstractTask[FleetCondition, Plan]):
     noun = "plan"
     sizes = (MIN_ROBOTS, MAX_ROBOTS)
     options = OPTIONS
+    lines = LINES
     unverified = UNVERIFIED
     claim = Claim("plan satisfies every requirement", "plans satisfy every requirement")
     model = FleetModel()
