@@ -9,6 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PatchCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
+from matplotlib.patheffects import withStroke
 
 from deggflow.tasks.fleet.maps import FloorMap
 from deggflow.tasks.fleet.plan import Plan
@@ -27,7 +28,7 @@ def floor_axes(floor: FloorMap) -> tuple[Figure, Axes]:
     figure = Figure(figsize=(INCHES, INCHES + 0.4), dpi=_DPI, layout="constrained")
     axes = figure.subplots()
     axes.set(xlim=(left, right), ylim=(low, high), aspect="equal", xticks=[], yticks=[])
-    axes.spines[["top", "right"]].set_visible(True)
+    axes.spines[:].set_visible(True)
     shapes: list[Any] = [Rectangle((x - w / 2, y - h / 2), w, h) for x, y, w, h in floor.boxes]
     shapes += [Circle((x, y), r) for x, y, r in floor.discs]
     shapes += [Polygon(corners) for corners in floor.polygons]
@@ -58,7 +59,8 @@ def draw_ends(axes: Axes, plan: Plan) -> None:
             Circle(start, plan.condition.radius, fill=False, edgecolor="#333333", linewidth=0.8)
         )
         axes.plot(*goal, "x", color="#333333", markersize=4, markeredgewidth=0.9)
-        axes.text(start[0], start[1], str(number), fontsize=6, ha="center", va="center")
+        label = axes.text(*start, str(number), fontsize=6, ha="center", va="center", zorder=5)
+        label.set_path_effects([withStroke(linewidth=2.0, foreground="white")])
 
 
 def robot_patches(axes: Axes, plan: Plan) -> list[Circle]:
