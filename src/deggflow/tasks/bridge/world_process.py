@@ -116,7 +116,8 @@ class World:
         """Executes what has been commanded, though commands of some robots may be missing."""
         here = sorted(self._commands)
         jacobian = self._of_contacts[here].reshape(-1, 3)
-        if np.linalg.svd(jacobian, compute_uv=False)[-1] < SINGULAR:
+        singular = np.linalg.svd(jacobian, compute_uv=False)
+        if len(singular) < 3 or singular[-1] < SINGULAR:  # a twist has three components
             self._stopped = True
             return
         wanted = np.stack([self._commands[k] for k in here], axis=1).reshape(EXECUTED, -1)
