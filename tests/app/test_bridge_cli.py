@@ -375,9 +375,11 @@ def test_the_cards_commands_are_what_a_user_types(inside, monkeypatch, tmp_path)
     """Data are made; the training itself is too long for a test, so what it is asked for is looked at."""
     asked = []
 
-    def train_field(model, data, out, config, architecture, show, *, commands):
-        assert (model.task, architecture) == ("bridge", {})
+    def train_field(model, data, out, config, architecture, show, *, commands, devices):
+        assert (model.task, architecture, devices) == ("bridge", {}, None)
         out.mkdir()
+        for name in ("field.safetensors", "field.json"):
+            (out / name).touch()
         (out / "curves.csv").write_text("step,training,validation\n500,1.0,2.0\n")
         asked.append((data, out, config))
 
@@ -389,7 +391,8 @@ def test_the_cards_commands_are_what_a_user_types(inside, monkeypatch, tmp_path)
         assert name == "deggflow"
         found = inside(*arguments)
         assert found.returncode == 0, found.stderr
-    assert asked == [(Path("data"), Path("run"), config)]
+    files = (Path("data/training.jsonl"), Path("data/validation.jsonl"))
+    assert asked == [(files, Path("run"), config)]
     assert json.loads((tmp_path / "data/training.jsonl.run.json").read_text()) == recipe
     assert len((tmp_path / "data/training.jsonl").read_text().splitlines()) == 6
     assert (tmp_path / "run/curves.png").stat().st_size > 1000
