@@ -35,7 +35,7 @@ CHUNK = 512  # scenes relaxed at once
 MAX_ATTEMPTS = 50  # random arrangements tried for one scene
 STORED_AT_ONCE = 2048  # scenes
 
-Arrangement = tuple[SceneCondition, Float[np.ndarray, "objects 3"]]
+Arrangement = tuple[SceneCondition, Float[np.ndarray, "_ 3"]]
 """A condition and its objects' poses; m and rad."""
 
 

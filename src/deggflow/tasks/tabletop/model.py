@@ -10,6 +10,7 @@ from deggflow.field import MessagePassingField
 from deggflow.files import StrPath
 from deggflow.tables import is_table
 from deggflow.task import AbstractModel, Recipe, TrainingData
+from deggflow.train import Dataset, StoredDataset
 
 from .data import CHUNK, load_dataset, make_scenes, stored_dataset
 from .field import build_field, load_field, shipped_weights
@@ -45,11 +46,12 @@ class TabletopModel(AbstractModel):
         self, training: Path, validation: Path, scratch: Path | None = None
     ) -> TrainingData:
         """Encoded poses; those of a training table are stored in `scratch`."""
-        held_out = load_dataset(validation)
+        data: Dataset | StoredDataset
         if scratch is None or not is_table(training):
-            return TrainingData(load_dataset(training), held_out, augment=random_symmetry)
-        stored = stored_dataset(training, scratch / "training.records")
-        return TrainingData(stored, held_out, augment=random_symmetry)
+            data = load_dataset(training)
+        else:
+            data = stored_dataset(training, scratch / "training.records")
+        return TrainingData(data, load_dataset(validation), augment=random_symmetry)
 
     def build(
         self, key: PRNGKeyArray, data: TrainingData, architecture: Mapping[str, int]
