@@ -34,7 +34,7 @@ EXPECTED = {
     "metric of another size": r"ValueError: `metric` must have shape \(2, 2\).* got \(3, 3\)",
     "box of zero": "ValueError: `box` must be positive.* got 0.0",
     "box for each input": r"TypeError: `box` must be a number.* got \(1.0, 1.0\)",
-    "control of one matrix": r"ValueError: `control` must .* \(3, 2, inputs\); got \(2, 2\)",
+    "control of one matrix": r"ValueError: `control` must .* \(3, 2, inputs\), or diagonals \(3, 2\); got \(2, 2\)",
     "control that is no function": "TypeError: `control` must be a function .* got ArrayImpl",
     "integer z0": "TypeError: `z0` must be a floating-point .* got int32",
     "flat z0": r"ValueError: `z0` must have shape \(agents, dim\); got \(6,\)\.$",
