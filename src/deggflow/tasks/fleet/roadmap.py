@@ -106,13 +106,16 @@ def make_roadmap(
     points = _points(floor, rng) if floor.boxes or floor.discs else np.zeros((0, 2))
     count = len(points)
     weight = _weight(floor, points[:, None], points[None, :], one_way)
-    lengths, befores = np.zeros((variants, count, count)), np.zeros((variants, count, count), int)
+    lengths, predecessors = (
+        np.zeros((variants, count, count)),
+        np.zeros((variants, count, count), int),
+    )
     if not count:
-        return Roadmap(floor, points, lengths, befores, one_way)
+        return Roadmap(floor, points, lengths, predecessors, one_way)
     tail, head = np.nonzero(np.isfinite(weight) & ~np.eye(count, dtype=bool))
     for k in range(variants):
         of_point = np.exp(_NOISE * rng.normal(size=count))  # moves share the weights of their ends
         value = weight[tail, head] * np.sqrt(of_point[tail] * of_point[head])
         graph = csr_array((value, (tail, head)), shape=(count, count))
-        lengths[k], befores[k] = dijkstra(graph, return_predecessors=True)
-    return Roadmap(floor, points, lengths, befores, one_way)
+        lengths[k], predecessors[k] = dijkstra(graph, return_predecessors=True)
+    return Roadmap(floor, points, lengths, predecessors, one_way)
