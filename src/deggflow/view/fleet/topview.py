@@ -59,7 +59,8 @@ def draw_ends(axes: Axes, plan: Plan) -> None:
             Circle(start, plan.condition.radius, fill=False, edgecolor="#333333", linewidth=0.8)
         )
         axes.plot(*goal, "x", color="#333333", markersize=4, markeredgewidth=0.9)
-        label = axes.text(*start, str(number), fontsize=6, ha="center", va="center", zorder=5)
+        x, y = start
+        label = axes.text(x, y, str(number), fontsize=6, ha="center", va="center", zorder=5)
         label.set_path_effects([withStroke(linewidth=2.0, foreground="white")])
 
 
