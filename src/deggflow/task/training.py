@@ -40,6 +40,10 @@ def data_files(data: StrPath, validation: StrPath | None = None) -> DataFiles:
 
     Raises:
         InputError: One of two files is missing, or too many are named.
+
+    Example:
+        >>> data_files("data").training.name
+        'training.jsonl'
     """
     data = Path(data)
     if not data.is_dir() and data.suffix in (".jsonl", ".parquet"):

@@ -27,6 +27,15 @@ class StoredDataset:
         row_bytes: Bytes of a sample.
         structure: Shapes and dtypes of all samples together, as a `Dataset`.
         digests: SHA-256 of each leaf's bytes, as if it were one array, in the order of the leaves.
+
+    Example:
+        >>> from tempfile import TemporaryDirectory
+        >>> data = Dataset(np.ones((3, 2, 1)), np.zeros(3), np.ones((3, 2), bool))
+        >>> with TemporaryDirectory() as folder:
+        ...     store(folder + "/data.records", [data], {})
+        ...     stored = StoredDataset(folder + "/data.records", data)
+        ...     print(stored.count, stored.rows(np.array([2, 0])).z.shape)
+        3 (2, 2, 1)
     """
 
     def __init__(self, path: StrPath, like: Dataset) -> None:
