@@ -55,7 +55,7 @@ class SimulatedProgram:
         """Args: compiled: a `CompiledTeam`."""
         self._compiled = compiled
         self.guidance, self.drift = compiled.program.guidance, compiled.program.drift
-        self.start, self.generation = compiled.program.start, compiled.program.generation
+        self.start = compiled.program.start
         self._known, self._whose, self._kept = {}, {}, []
 
     def first(self, start):
@@ -103,6 +103,9 @@ class SimulatedProgram:
 
         together, meant = self._once(key, shared)
         return together.parts[mine], meant[mine]
+
+    def generation(self, start, end):
+        return self._compiled.program.generation(start, jax.tree.map(jnp.asarray, end))
 
     def _once(self, key, compute):
         if key not in self._known:

@@ -16,7 +16,7 @@ from deggflow.recording import lost_agents, record
 from deggflow.step_guard import SampleProgress
 
 from .messages import RECORD_ONLY, AgentMessage, Layout
-from .program import COLUMNS, Assessment, Start, TeamProgram
+from .program import COLUMNS, AgentProgram, Assessment, Start
 
 
 class TeamGeneration(NamedTuple):
@@ -84,7 +84,7 @@ class Agent:
         generated: The sample, once it is certain that all agents have it; None before.
     """
 
-    def __init__(self, program: TeamProgram, number: int, start: Start) -> None:
+    def __init__(self, program: AgentProgram, number: int, start: Start) -> None:
         """Args: program: of the team; number: of this agent; start: `program.start(z0, condition)`.
 
         Raises:

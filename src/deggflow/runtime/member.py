@@ -9,10 +9,10 @@ from deggflow.identity import fingerprint, requirement_numbers
 
 from .agent import Agent, TeamGeneration
 from .agreement import Agreement, Event, RoundComplete
-from .program import Start, TeamProgram
+from .program import AgentProgram, Start
 
 
-def team_digest(program: TeamProgram, start: Start) -> int:
+def team_digest(program: AgentProgram, start: Start) -> int:
     """64 bits that tell a generation from others: z(0), grid, who was lost before, condition and requirements."""
     digest = blake2b(digest_size=8)
     condition = fingerprint(start.condition, start.z0.dtype)
@@ -33,7 +33,7 @@ class Member:
 
     def __init__(
         self,
-        program: TeamProgram,
+        program: AgentProgram,
         number: int,
         start: Start,
         *,

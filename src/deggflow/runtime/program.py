@@ -1,7 +1,7 @@
 """The compiled part of an agent: what it finds at a point by itself, and what the team makes of all that was said."""
 
 from collections.abc import Collection, Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
@@ -71,6 +71,50 @@ class Assessment(NamedTuple):
     state: Any
     tau: Scalar
     z: Float[Array, " dim"]
+
+
+@runtime_checkable
+class AgentProgram(Protocol):
+    """What an agent computes with: a `TeamProgram`, or what a simulator of all agents has in its place.
+
+    Attributes:
+        guidance: Of the team.
+        drift: How often the field is evaluated.
+    """
+
+    guidance: DecoupledGuidance
+    drift: AbstractDrift
+
+    def first(self, start: Start, /) -> tuple[SampleProgress, Any]:
+        """The point z(0), and the state of the drift before it."""
+
+    def begin(self, start: Start, drift: Any, interval: Interval, z: States, /) -> Any:
+        """The state of the drift in a macro step that begins at z."""
+
+    def assess(
+        self,
+        start: Start,
+        agent: Any,
+        at: SampleProgress,
+        drift: Any,
+        stops: Float[np.ndarray, " agents"],
+        /,
+    ) -> Assessment:
+        """What one agent finds at the proposed point."""
+
+    def settle(
+        self,
+        start: Start,
+        at: SampleProgress,
+        own: Assessment,
+        said: Mapping[str, Any],
+        heard: Bool[np.ndarray, " agents"],
+        /,
+    ) -> tuple[SampleProgress, Any]:
+        """What the team decides about the point, and the point that it proposes next."""
+
+    def generation(self, start: Start, end: SampleProgress, /) -> Generation:
+        """The finished generation."""
 
 
 class TeamProgram:
