@@ -129,7 +129,7 @@ def policies(generators):
     guided = [
         generators["guided"].batch(NOISE[k : k + 1], take(BATCH, slice(k, k + 1))) for k in range(9)
     ]
-    *arrays, summaries, names = zip(*guided, strict=True)
+    *arrays, summaries, names, _ = zip(*guided, strict=True)
     summary = jax.tree.map(lambda *leaves: np.concatenate(leaves), *summaries)
     together = Policies(*map(np.concatenate, arrays), summary, names[0])
     return {"guided": together, "nominal": generators["nominal"].batch(NOISE, BATCH)}
