@@ -23,9 +23,9 @@ import tutorials  # noqa: E402
 
 PAGES = [
     path for path in sorted([*DOCS.glob("*.md"), *DOCS.glob("api/*.md")])
-    if "```python" in path.read_text() and path.name not in ("extending.md", "foreign.md", "scale.md")
+    if "```python" in path.read_text() and path.name not in ("extending.md", "foreign.md", "scale.md", "studio.md")
 ]  # fmt: skip
-"""The first two have tests of their own; benchmarks/parquet_readers.py reads tables with polars, as the third does."""
+"""All but scale.md have tests of their own; benchmarks/parquet_readers.py reads tables with polars, as that page does."""
 SCRIPTS = sorted(tutorials.SCRIPTS.glob("*.py"))
 
 
@@ -145,7 +145,8 @@ PACKAGES = (
 
 def executed():
     """All code that tests or `make docs` run as examples."""
-    pages = [*PAGES, DOCS / "extending.md", DOCS / "foreign.md", ROOT / "README.md"]
+    others = [DOCS / name for name in ("extending.md", "foreign.md", "studio.md")]
+    pages = [*PAGES, *others, ROOT / "README.md"]
     yield from (block for page in pages for block in blocks(page))
     yield from (path.read_text() for path in (ROOT / "examples").rglob("*.py"))
     for path in Path(deggflow.__file__).parent.rglob("*.py"):
