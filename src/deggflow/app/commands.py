@@ -12,7 +12,7 @@ from tyro.extras import SubcommandApp
 from deggflow.extras import imported
 from deggflow.jsonl import InputError
 from deggflow.shards import parse_shard
-from deggflow.task import check_range
+from deggflow.task import ProcessOptions, check_range
 
 from .registry import AbstractEntry
 from .session import NOT_SATISFIED, SATISFIED, UNFORESEEN, console, prepare_jax, progress
@@ -201,7 +201,7 @@ def _generate(entry: AbstractEntry) -> Callable[..., int]:
         identity = settings | ({} if part_of_run is None else {"shard": str(part_of_run)})
         check_output(options.out, identity)
         chunks: Callable[[int, Progress], Iterator[Any]]
-        if getattr(options, "processes", False):
+        if isinstance(options, ProcessOptions) and options.processes:
             if part_of_run is not None or engine != "local":
                 raise InputError("--processes has neither --shard nor --engine ray")
             from .team import team_results

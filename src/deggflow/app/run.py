@@ -22,7 +22,7 @@ from .session import SATISFIED, UNFORESEEN, cache_folder, prepare_jax
 if TYPE_CHECKING:
     from deggflow.runtime import RoundStatistics, Timing, Transport
     from deggflow.task import AbstractTask
-    from deggflow.task.processes import AgentFactory
+    from deggflow.task.processes import AgentFactory, WorldFactory
 
 _INLINE = tyro.conf.arg(name="", prefix_name=False)
 
@@ -65,7 +65,7 @@ def run_app() -> SubcommandApp:
         if not issubclass(kind, ProcessOptions):
             continue
         agents.command(name=entry.name, help=entry.help)(_with(kind, _agent(entry)))
-        if entry.name == "bridge":
+        if kind.in_world:
             worlds.command(name=entry.name, help=entry.help)(_with(kind, _world(entry)))
     app.command(agents, name="agent", help="One agent of a team; prints its results.")
     app.command(worlds, name="world", help="The world in which a team acts.")
@@ -124,7 +124,7 @@ def _world(entry: AbstractEntry) -> Callable[..., int]:
             options: The same conditions and seed as of the robots.
         """
 
-        def play(task: Any, factory: "AgentFactory", context: _Context) -> None:
+        def play(task: Any, factory: "WorldFactory", context: _Context) -> None:
             if place.number != len(place.addresses) - 1:
                 raise InputError(
                     f"--number of the world must be {len(place.addresses) - 1}, the last; got {place.number}"
@@ -170,9 +170,9 @@ def _played(
     conditions = source.part(0, source.count)
     factory = task.processes
     assert factory is not None
-    agents = max(map(factory.team_size, conditions)) + factory.world
+    agents = max(map(factory.team_size, conditions)) + options.in_world
     if len(place.addresses) != agents:
-        whom = "objects" if not factory.world else "robots and the world"
+        whom = "objects" if not options.in_world else "robots and the world"
         raise InputError(
             f"--addresses must be those of all {agents} {whom}; got {len(place.addresses)}"
         )

@@ -147,7 +147,7 @@ class LocalTeam:
         """Args: task: its name; factory: of its agents; conditions: of all results; options: of `generate`; on_line: told what processes say; join: patience, s."""
         self._task, self._options, self._join, self._on_line = task, options, join, on_line
         self._agents = max(map(factory.team_size, conditions))
-        self._world = factory.world
+        self._world = options.in_world
         self._count = len(conditions)
         self._folder = tempfile.TemporaryDirectory(prefix="deggflow-")
         self._file = Path(self._folder.name) / "conditions.jsonl"

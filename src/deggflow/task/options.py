@@ -160,6 +160,9 @@ class ProcessOptions(GenerateOptions):
         metrics: With --processes: file that receives a JSON object for every round of every agent.
     """
 
+    in_world: ClassVar[bool] = False
+    """Whether the team acts in a world, which is one more process."""
+
     processes: bool = False
     transport: Literal["udp", "zenoh"] = "udp"
     deadline: float = 5.0

@@ -65,9 +65,6 @@ class AbstractAgent(ABC, Generic[C]):
 class AgentFactory(ABC):
     """A task whose agents can be processes has this as `processes`."""
 
-    world: bool = False
-    """Whether the team acts in a world, which is one more process."""
-
     @abstractmethod
     def team_size(self, condition: Any) -> int:
         """How many agents a condition has; raises `InputError` if they can't be processes."""
@@ -76,6 +73,10 @@ class AgentFactory(ABC):
     def agent(self, field: Any, options: Any, link: Link) -> AbstractAgent[Any]:
         """An agent with its copy of the field."""
 
+
+class WorldFactory(AgentFactory):
+    """A task whose team acts in a world, as `in_world` of its options says, has this as `processes`."""
+
+    @abstractmethod
     def run_world(self, condition: Any, number: int, transport: Transport, timing: Timing) -> None:
         """The world of one result, until it is over."""
-        raise NotImplementedError(f"{type(self).__name__} has no world")

@@ -54,6 +54,8 @@ class BridgeGenerate(BridgeFieldOptions, options.ProcessOptions):
         speed_limit: Largest speed of every robot's contact point, m/s: a private requirement of each robot.
     """
 
+    in_world: ClassVar[bool] = True
+
     speed_limit: float | None = None
 
     def __post_init__(self) -> None:

@@ -11,7 +11,7 @@ from deggflow.guidance import DecoupledGuidance
 from deggflow.runtime import TeamProgram, Timing, Transport, compile_agent, run_agent, sorted_by
 from deggflow.step_guard import StepGuard
 from deggflow.task import RunSettings
-from deggflow.task.processes import AbstractAgent, AgentFactory, Link, Made
+from deggflow.task.processes import AbstractAgent, Link, Made, WorldFactory
 
 from .condition import BridgeCondition, TrialCondition, padded_robots
 from .field import BridgeField
@@ -148,10 +148,8 @@ class RobotAgent(AbstractAgent[TrialCondition]):
         self._world.finish()
 
 
-class BridgeProcesses(AgentFactory):
+class BridgeProcesses(WorldFactory):
     """Robots as processes, and the world."""
-
-    world = True
 
     def team_size(self, condition: TrialCondition) -> int:
         """How many robots a trial has."""
