@@ -15,13 +15,13 @@ from typing import Any, NamedTuple
 
 from deggflow.consistency import Unverified
 from deggflow.jsonl import InputError, shorten
+from deggflow.task import Formats
 from deggflow.tasks.bridge import consistency as trials
-from deggflow.tasks.bridge.formats import parse_condition as trial_condition
 from deggflow.tasks.bridge.formats import parse_trial
 from deggflow.tasks.bridge.oracle import refutation
+from deggflow.tasks.bridge.task import BridgeTask
 from deggflow.tasks.tabletop import consistency as scenes
-from deggflow.tasks.tabletop.formats import parse_condition as scene_condition
-from deggflow.tasks.tabletop.formats import parse_scene
+from deggflow.tasks.tabletop.task import TabletopTask
 
 Path = tuple[str | int, ...]
 GONE = object()  # stands for a field that is left out
@@ -48,18 +48,17 @@ def _of_trial(line: Any) -> list[str]:
     return found if replayed is None else [f"the replay finds that {replayed}", *found]
 
 
-def _scenes_differ(asked: Any, line: Any) -> str | None:
-    wrong = scenes.other_condition(scene_condition(asked), parse_scene(line).condition)
-    return None if wrong is None else str(wrong)
+def _differ(formats: Formats[Any, Any]) -> Callable[[Any, Any], str | None]:
+    def differ(asked: Any, line: Any) -> str | None:
+        wrong = formats.difference(formats.condition(asked, ""), formats.result(line).condition)
+        return None if wrong is None else str(wrong)
+
+    return differ
 
 
-def _trials_differ(asked: Any, line: Any) -> str | None:
-    wrong = trials.other_condition(trial_condition(asked), parse_trial(line).condition)
-    return None if wrong is None else str(wrong)
-
-
-SCENE = Kind("scene", _of_scene, _scenes_differ, scenes.UNVERIFIED)
-TRIAL = Kind("trial", _of_trial, _trials_differ, trials.UNVERIFIED)
+SCENES, TRIALS = TabletopTask.formats, BridgeTask.formats
+SCENE = Kind("scene", _of_scene, _differ(SCENES), SCENES.unverified)
+TRIAL = Kind("trial", _of_trial, _differ(TRIALS), TRIALS.unverified)
 
 
 @dataclass

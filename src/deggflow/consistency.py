@@ -79,6 +79,45 @@ def check_claim(certificate: Line, field: str) -> Iterator[Wrong]:
             yield Wrong(f"{field}.verdicts[{k}].margin", "is negative, though `satisfied` is true")
 
 
+def check_result(
+    certificate: Line,
+    field: str,
+    *,
+    holds: bool | None,
+    reasons: Sequence[str],
+    margin: float,
+    tolerance: float,
+    unit: str,
+) -> Iterator[Wrong]:
+    """Contradictions between a certificate and what its result is found to be.
+
+    Args:
+        certificate: The certificate.
+        field: Its name, for messages.
+        holds: Whether the result satisfies its requirements; None: it is no result, as its generation diverged.
+        reasons: What its `reason` may be if it does not, the likeliest first.
+        margin: Its least margin.
+        tolerance: For the margin's rounding.
+        unit: Of the margin.
+    """
+    if holds is not None and certificate["satisfied"] != holds:
+        text = "is false, but all requirements hold" if holds else "is true, but one is missed"
+        yield Wrong(join(field, "satisfied"), text)
+    yield from check_claim(certificate, field)
+    reason = certificate["reason"]
+    if reason is not None and holds is False and reason not in reasons:
+        yield Wrong(join(field, "reason"), f"is not what is found: {shorten(reasons[0], 300)}")
+    if not abs(certificate["min_margin"] - margin) <= tolerance:
+        yield Wrong(join(field, "min_margin"), f"is not the least margin, {margin:.9g} {unit}")
+
+
+def found_reason(found: str, generation: Line | None) -> str:
+    """A certificate's reason: what is found, and the first failure on the way, if a generation had one."""
+    if generation is not None and generation["first_failure"]:
+        return f"{found}; on the way {generation['first_failure']}"
+    return found
+
+
 def check_generation(
     record: Line, field: str, names: Sequence[str], agents: Sequence[str]
 ) -> Iterator[Wrong]:

@@ -43,3 +43,13 @@ class Row:
     def to_json(self) -> dict[str, Any]:
         """The fields by name, as a file holds them."""
         return asdict(self)
+
+
+class CaseRow(Row):
+    """A row that counts cases of some kinds, out of all its `cases`."""
+
+    cases: int
+
+    def rate(self, count: int) -> Rate:
+        """A count as a proportion of the cases."""
+        return Rate(count, self.cases)

@@ -21,7 +21,7 @@ def certify_file(task: AbstractTask[Any, Any], path: Path, options: CertifyOptio
         check_range("lines", line, 1, len(results))
     requests = None if options.conditions is None else task.read_conditions(options.conditions)
     conditions = [result.condition for result, _ in results]
-    mismatches = compare_conditions(requests, conditions, task.other_condition)
+    mismatches = compare_conditions(requests, conditions, task.formats.difference)
     examinations = []
     for number in options.lines or range(1, len(results) + 1):
         examination = task.examine(*results[number - 1])
@@ -32,7 +32,7 @@ def certify_file(task: AbstractTask[Any, Any], path: Path, options: CertifyOptio
             print(printable(f"line {number}: {examination.text}{flaw}"))
             print_wrong(number, wrong)
             print(f"the certificate says: {printable(examination.certificate)}\n")
-    print_conclusion(mismatches, task.unverified, quiet=options.quiet)
+    print_conclusion(mismatches, task.formats.unverified, quiet=options.quiet)
     output().print(task.conclude(examinations))
     satisfied = all(each.holds and not each.wrong for each in examinations)
     return SATISFIED if satisfied and mismatches.missing is None else NOT_SATISFIED

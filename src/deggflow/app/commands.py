@@ -1,28 +1,30 @@
 """The six commands of every task: data, train, generate, certify, evaluate, render."""
 
 import inspect
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 from tyro.extras import SubcommandApp
 
-from deggflow.extras import imported
 from deggflow.jsonl import InputError
 from deggflow.shards import parse_shard
-from deggflow.task import ProcessOptions, check_range
+from deggflow.task import check_range
 
+from .engine import EngineOptions
 from .registry import AbstractEntry
-from .session import NOT_SATISFIED, SATISFIED, UNFORESEEN, console, prepare_jax, progress
+from .session import NOT_SATISFIED, SATISFIED, console, prepare_jax, progress
 
 if TYPE_CHECKING:
-    from rich.progress import Progress
-
     from deggflow.flow import Field
 
-Engine = Literal["local", "ray"]
+SPELLED_OUT = tyro.conf.arg(
+    name="", prefix_name=False
+)  # a dataclass's fields are options of their own
+AnyEngine = Annotated[EngineOptions, SPELLED_OUT]
+LOCAL = EngineOptions()
 PICTURES = 12  # lines of a file that are drawn by default
 
 
@@ -49,21 +51,11 @@ def _with_options(
     for function in (command, inspect.unwrap(command)):  # tests check types in a wrapper
         text = function.__doc__ or ""
         function.__doc__ = text.replace("results", nouns).replace("result", entry.noun)
-        spelled_out = tyro.conf.arg(name="", prefix_name=False)
-        function.__annotations__["options"] = Annotated[kind, spelled_out]
+        function.__annotations__["options"] = Annotated[kind, SPELLED_OUT]
         if "file" in function.__annotations__:
             positional = tyro.conf.arg(metavar=nouns.upper())
             function.__annotations__["file"] = Annotated[Path, tyro.conf.Positional, positional]
     return command
-
-
-def check_engine(engine: Engine, address: str | None, cpus: int) -> None:
-    """Raises `InputError` unless the options of the engine go together and the engine is installed."""
-    check_range("cpus", cpus, 1, 1024)
-    if engine == "ray":
-        imported("ray", "ray", "--engine ray")
-    elif address is not None:
-        raise InputError("--address goes with --engine ray")
 
 
 def _data(entry: AbstractEntry) -> Callable[..., int]:
@@ -152,13 +144,7 @@ def _train(entry: AbstractEntry) -> Callable[..., int]:
 
 
 def _generate(entry: AbstractEntry) -> Callable[..., int]:
-    def generate(
-        options: Any,
-        shard: str | None = None,
-        engine: Engine = "local",
-        address: str | None = None,
-        cpus: int = 2,
-    ) -> int:
+    def generate(options: Any, engine: AnyEngine = LOCAL, shard: str | None = None) -> int:
         """Generate results, each with its certificate, as JSON Lines.
 
         Exit code 0: every result satisfies its requirements (or --guidance none); 3: some do not, and their lines
@@ -166,74 +152,14 @@ def _generate(entry: AbstractEntry) -> Callable[..., int]:
 
         Args:
             options: What to generate, and how.
+            engine: Which processes generate.
             shard: k/n: generate only shard number k of n; `deggflow merge` joins the files into that of the whole run.
-            engine: local: this process; ray: the workers of a Ray cluster, with the same lines.
-            address: Address of a running Ray cluster; default: one that is started on this machine.
-            cpus: With --engine ray, CPUs of each chunk that is generated at a time.
         """
-        check_engine(engine, address, cpus)
-        part_of_run = parse_shard(shard)
+        part = parse_shard(shard)
         prepare_jax()
-        from deggflow.output import check_written
-        from deggflow.runtime import TeamError
+        from .generating import generate_file
 
-        from .cluster import Cluster, Work, chunks_by
-        from .runs import (
-            check_output,
-            condition_source,
-            digest_of_weights,
-            generate_results,
-            provenance,
-            write_results,
-        )
-
-        task = entry.load_task()
-        source = condition_source(task, options)
-        settings = {
-            "command": f"{entry.name} generate",
-            "conditions": source.digest,
-            "size": source.size,
-            "count": source.count,
-            **options.settings(),
-            "weights": digest_of_weights(options.weights),
-            "made_with": provenance(task.model, options.weights),
-        }
-        identity = settings | ({} if part_of_run is None else {"shard": str(part_of_run)})
-        check_output(options.out, identity)
-        chunks: Callable[[int, Progress], Iterator[Any]]
-        if isinstance(options, ProcessOptions) and options.processes:
-            if part_of_run is not None or engine != "local":
-                raise InputError("--processes has neither --shard nor --engine ray")
-            from .team import team_results
-
-            chunks = team_results(task, source, options)
-        else:
-            generator = task.generator(task.model.load(options.weights), options)
-            chunking = generator.chunking(*source.part(0, 1))
-            if part_of_run is not None:
-                part = part_of_run.equal_part(source.count, chunking.size)
-                settings |= part_of_run.settings(part)
-                source = source.of_part(part)
-
-            def chunks(first: int, bars: "Progress") -> Iterator[Any]:
-                if engine == "ray":
-                    work = Work(entry.name, options, settings["made_with"])
-                    return chunks_by(Cluster(address, cpus), work, source, chunking.size, first)
-                return generate_results(generator, source, options, first, bars, chunking)
-
-        try:
-            failed = write_results(
-                options.out, settings, source, f"{task.noun}s",
-                lambda row: task.fails(row, guided=options.guided), chunks,
-            )  # fmt: skip
-        except TeamError as error:
-            console().print(f"deggflow: {error}", markup=False)
-            return UNFORESEEN
-        where = "" if options.out is None else f" They are in {options.out}."
-        totals = f"{source.count - failed} of {source.count} {task.claim.of(source.count)}"
-        console().print(f"{totals}.{where}")
-        check_written(options.out)
-        return NOT_SATISFIED if failed and options.guided else SATISFIED
+        return generate_file(entry, options, engine, part)
 
     return generate
 
@@ -257,23 +183,14 @@ def _certify(entry: AbstractEntry) -> Callable[..., int]:
 
 
 def _evaluate(entry: AbstractEntry) -> Callable[..., int]:
-    def evaluate(
-        options: Any,
-        shard: str | None = None,
-        engine: Engine = "local",
-        address: str | None = None,
-        cpus: int = 2,
-    ) -> int:
+    def evaluate(options: Any, engine: AnyEngine = LOCAL, shard: str | None = None) -> int:
         """Measure the success of nominal and guided generation; an independent oracle checks every claim.
 
         Args:
             options: What to measure, and on how many cases.
+            engine: Which processes measure.
             shard: k/n: measure only shard number k of n of the rows. With the merged file as --out, the command without --shard prints the tables.
-            engine: local: this process; ray: the workers of a Ray cluster, with the same rows.
-            address: Address of a running Ray cluster; default: one that is started on this machine.
-            cpus: With --engine ray, CPUs of each row that is measured at a time.
         """
-        check_engine(engine, address, cpus)
         part = parse_shard(shard, options.out)
         prepare_jax()
         from deggflow.output import check_written
@@ -286,13 +203,11 @@ def _evaluate(entry: AbstractEntry) -> Callable[..., int]:
             raise InputError("--sizes must name at least one size")
         task, digest = entry.load_task(), digest_of_weights(options.weights)
         evaluation = task.evaluation(task.model.load(options.weights), options, digest)
-        if engine == "ray":
+        jobs = evaluation.jobs
+        if engine.ray:
             work = Work(entry.name, options, provenance(task.model, options.weights))
-            jobs = rows_by(
-                Cluster(address, cpus), work, digest, evaluation.row, evaluation.jobs, part
-            )
-        else:
-            jobs = evaluation.jobs
+            cluster = Cluster(engine.address, engine.cpus)
+            jobs = rows_by(cluster, work, digest, evaluation.row, jobs, part)
         rows = run_jobs(jobs, evaluation.row, evaluation.settings, options.out, part)
         if part is None:
             for table in evaluation.tables(rows):

@@ -163,7 +163,7 @@ class RegisteredEntry(AbstractEntry):
 
     def load_lines(self) -> Sequence[type[Any]]:
         """Types of the lines of the task's files."""
-        return self.load_task().lines
+        return self.load_task().formats.lines
 
     def load_task(self) -> "AbstractTask[Any, Any]":
         """The task; raises `InputError` if it can't be loaded."""

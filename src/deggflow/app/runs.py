@@ -26,7 +26,7 @@ from deggflow.task import (
     RunSettings,
     check_range,
 )
-from deggflow.task.interface import Result, Written
+from deggflow.task.formats import Result, Written
 from deggflow.task.options import MAX_RESULTS
 
 from .session import progress

@@ -54,7 +54,36 @@ class AbstractFormula(eqx.Module):
         return Either(self, other)
 
 
-class Within(AbstractFormula):
+class _AbstractPlace(AbstractFormula):
+    """Where a waypoint is, relative to convex regions.
+
+    Attributes:
+        region: Regions.
+        radius: Of the agents, in m.
+    """
+
+    region: Value | AbstractRegion
+    radius: float = 0.0
+
+    @abc.abstractmethod
+    def _exact(self, region: AbstractRegion, x: Float[Array, "axes agents waypoints"]) -> Signal:
+        """The robustness of points."""
+
+    @abc.abstractmethod
+    def _smooth(self, faces: Array, width: float) -> Signal:
+        """A bound below it, from the signed distances of the regions' faces."""
+
+    def robustness(self, x: Float[Array, "axes agents waypoints"], condition: Any) -> Signal:
+        return self._exact(as_region(resolve(self.region, condition, x.dtype)), x) - self.radius
+
+    def bound(
+        self, x: Float[Array, "axes agents waypoints"], condition: Any, width: float
+    ) -> Signal:
+        faces = as_region(resolve(self.region, condition, x.dtype)).faces(x)
+        return self._smooth(faces, width) - self.radius
+
+
+class Within(_AbstractPlace):
     """The waypoint is inside one of several convex regions, with a radius.
 
     Attributes:
@@ -62,23 +91,15 @@ class Within(AbstractFormula):
         radius: Of the agents, in m.
     """
 
-    region: Value | AbstractRegion
-    radius: float = 0.0
+    def _exact(self, region: AbstractRegion, x: Float[Array, "axes agents waypoints"]) -> Signal:
+        return jnp.max(region.depth(x), axis=0)
 
-    def robustness(self, x: Float[Array, "axes agents waypoints"], condition: Any) -> Signal:
-        region = as_region(resolve(self.region, condition, x.dtype))
-        return jnp.max(region.depth(x), axis=0) - self.radius
-
-    def bound(
-        self, x: Float[Array, "axes agents waypoints"], condition: Any, width: float
-    ) -> Signal:
-        faces = as_region(resolve(self.region, condition, x.dtype)).faces(x)
+    def _smooth(self, faces: Array, width: float) -> Signal:
         # The depth inside; outside, of the same sign.
-        depth = minimum_below(faces, width, axis=0)
-        return maximum_below(depth, width, axis=0) - self.radius
+        return maximum_below(minimum_below(faces, width, axis=0), width, axis=0)
 
 
-class Without(AbstractFormula):
+class Without(_AbstractPlace):
     """The waypoint is outside of convex regions, with a radius.
 
     Attributes:
@@ -86,20 +107,12 @@ class Without(AbstractFormula):
         radius: Of the agents, in m.
     """
 
-    region: Value | AbstractRegion
-    radius: float = 0.0
+    def _exact(self, region: AbstractRegion, x: Float[Array, "axes agents waypoints"]) -> Signal:
+        return jnp.min(region.clearance(x, False), axis=0)
 
-    def robustness(self, x: Float[Array, "axes agents waypoints"], condition: Any) -> Signal:
-        region = as_region(resolve(self.region, condition, x.dtype))
-        return jnp.min(region.clearance(x, False), axis=0) - self.radius
-
-    def bound(
-        self, x: Float[Array, "axes agents waypoints"], condition: Any, width: float
-    ) -> Signal:
-        faces = as_region(resolve(self.region, condition, x.dtype)).faces(x)
+    def _smooth(self, faces: Array, width: float) -> Signal:
         # The gap beyond the farthest face is at most the distance.
-        gaps = maximum_below(-faces, width, axis=0)
-        return minimum_below(gaps, width, axis=0) - self.radius
+        return minimum_below(maximum_below(-faces, width, axis=0), width, axis=0)
 
 
 class _AbstractPair(AbstractFormula):

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .data import write_data
+    from .formats import Formats
     from .interface import (
         AbstractEvaluation,
         AbstractGenerator,
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 # Modules are loaded when first used: options are parsed before JAX is imported.
 _HOME = {
     "data": ("write_data",),
+    "formats": ("Formats",),
     "interface": (
         "AbstractEvaluation",
         "AbstractGenerator",
@@ -80,6 +82,7 @@ __all__ = [
     "EvaluateOptions",
     "Examination",
     "FieldOptions",
+    "Formats",
     "GenerateOptions",
     "OnStatus",
     "Phase",

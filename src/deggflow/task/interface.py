@@ -4,40 +4,21 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Protocol, TypeVar, runtime_checkable
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
-from deggflow.consistency import Line, Unverified, Wrong
+from deggflow.consistency import Line, Wrong
 from deggflow.files import StrPath
 from deggflow.flow import Field
 from deggflow.jsonl import read_lines
 from deggflow.tables import read_results
 
+from .formats import C, Formats, R, Written
 from .model import AbstractModel
 from .options import EvaluateOptions, GenerateOptions, TaskOptions
-
-
-@runtime_checkable
-class Written(Protocol):
-    """An object that is written as a line of a file."""
-
-    def to_json(self) -> Mapping[str, Any]:
-        """The JSON object for a file."""
-
-
-@runtime_checkable
-class Result(Written, Protocol):
-    """A certified result for a condition."""
-
-    @property
-    def condition(self) -> Any:
-        """The condition that it was generated for."""
-
 
 if TYPE_CHECKING:
     from .processes import AgentFactory
 
-C = TypeVar("C", bound=Written)  # conditions
-R = TypeVar("R", bound=Result)
 Row = TypeVar("Row", bound=Written)  # rows of an evaluation
 
 
@@ -178,7 +159,6 @@ class AbstractTask(ABC, Generic[C, R]):
         noun: The task's word for one result.
         sizes: Least and largest number of agents that `generate --size` takes.
         options: Options of the commands.
-        unverified: Fields of a result's line that can't be verified from the file.
         processes: How its agents are processes; None if they can't be.
     """
 
@@ -186,7 +166,6 @@ class AbstractTask(ABC, Generic[C, R]):
     noun: str
     sizes: tuple[int, int]
     options: TaskOptions
-    unverified: Unverified
     processes: "AgentFactory | None" = None
 
     @property
@@ -196,8 +175,8 @@ class AbstractTask(ABC, Generic[C, R]):
 
     @property
     @abstractmethod
-    def lines(self) -> Sequence[type[Any]]:
-        """Types of the lines of its files, as of `deggflow.lines`: of results, then of demonstrations if these differ."""
+    def formats(self) -> Formats[C, R]:
+        """How its conditions and results stand in files."""
 
     @property
     @abstractmethod
@@ -205,22 +184,10 @@ class AbstractTask(ABC, Generic[C, R]):
         """Demonstrations, field and weights."""
 
     @abstractmethod
-    def parse_condition(self, value: Any, field: str = "") -> C:
-        """A condition from its JSON object; raises `InputError` naming the field if it is invalid."""
-
-    @abstractmethod
     def random_conditions(
         self, size: int, count: int, first: int, options: GenerateOptions
     ) -> list[C]:
         """Conditions number `first` to `first + count - 1`; each depends on the seed and its own number alone."""
-
-    @abstractmethod
-    def other_condition(self, expected: C, actual: C) -> Wrong | None:
-        """The first difference between the requested condition and that of a line; None if they agree."""
-
-    @abstractmethod
-    def parse_result(self, value: Any) -> R:
-        """A result from its JSON object; raises `InputError` naming the field if it is invalid."""
 
     @abstractmethod
     def generator(self, field: Field, options: GenerateOptions) -> AbstractGenerator[C, R]:
@@ -231,18 +198,26 @@ class AbstractTask(ABC, Generic[C, R]):
         """Checks a result by code that is independent of its generation, and its line against itself."""
 
     @abstractmethod
-    def conclude(self, examinations: Sequence[Examination]) -> str:
-        """A sentence with the totals over some lines."""
-
-    @abstractmethod
     def evaluation(
         self, field: Field, options: EvaluateOptions, weights: str | None
     ) -> AbstractEvaluation[Any]:
         """The evaluation that `evaluate` runs; `weights` identifies the field in its settings."""
 
-    @abstractmethod
+    def conclude(self, examinations: Sequence[Examination]) -> str:
+        """A sentence with the totals over some lines: those that hold, and those with a false statement."""
+        return self.claim.in_total(examinations)
+
     def fails(self, row: Line, *, guided: bool) -> bool:
-        """Whether a result, as a JSON object, fails."""
+        """Whether a result, as a JSON object, fails: its certificate says that a requirement is missed."""
+        return not row["certificate"]["satisfied"]
+
+    def parse_condition(self, value: Any, field: str = "") -> C:
+        """A condition from its JSON object; raises `InputError` naming the field if it is invalid."""
+        return self.formats.condition(value, field)
+
+    def parse_result(self, value: Any) -> R:
+        """A result from its JSON object; raises `InputError` naming the field if it is invalid."""
+        return self.formats.result(value)
 
     def read_conditions(self, path: StrPath) -> list[C]:
         """All conditions of a file; raises `InputError` for the first invalid one."""
@@ -251,7 +226,8 @@ class AbstractTask(ABC, Generic[C, R]):
     def read_results(self, path: StrPath) -> list[tuple[R, Line]]:
         """The results of a JSON Lines file or a table, each with its line; raises `InputError` for the first invalid one."""
         what = f"{self.name} {self.noun}"
-        return read_results(path, lambda line: (self.parse_result(line), line), what, self.lines)
+        lines = self.formats.lines
+        return read_results(path, lambda line: (self.parse_result(line), line), what, lines)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,8 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 from deggflow.runtime import RoundStatistics, Timing, Transport
 
-from .interface import RunSettings, Written
+from .formats import Written
+from .interface import RunSettings
 
 C = TypeVar("C", bound=Written)
 

@@ -24,6 +24,7 @@ from deggflow.schema import parse_as
 from deggflow.shapes import States
 from deggflow.tables import read_results
 
+from .formats import Formats
 from .interface import (
     AbstractGenerator,
     AbstractTask,
@@ -88,7 +89,6 @@ class AbstractTeamTask(AbstractTask[TeamCondition, TeamSample]):
     weights: Path | None = None
     tolerance: float = 1e-9
     options = TaskOptions(train=TeamTrain, evaluate=TeamOptions)
-    unverified = UNVERIFIED
 
     @abstractmethod
     def random_condition(self, size: int, rng: np.random.Generator) -> TeamCondition:
@@ -137,18 +137,19 @@ class AbstractTeamTask(AbstractTask[TeamCondition, TeamSample]):
         )
 
     @property
-    def lines(self) -> Sequence[type[Any]]:
+    def formats(self) -> Formats[TeamCondition, TeamSample]:
         """Samples with their certificates, and demonstrations."""
         kind: Any = self.condition
-        return sample_lines(kind)
+        return Formats(
+            self._condition, self._sample, self.condition.to_json, sample_lines(kind), UNVERIFIED
+        )
 
     @property
     def model(self) -> TeamModel:
         """Demonstrations by the task's expert, and a message-passing field."""
         return TeamModel(self)
 
-    def parse_condition(self, value: Any, field: str = "") -> TeamCondition:
-        """A condition from its JSON object, by its dataclass."""
+    def _condition(self, value: Any, field: str) -> TeamCondition:
         condition = parse_as(self.condition, value, field)
         size = self.size_of(condition)
         if not self.sizes[0] <= size <= self.sizes[1]:
@@ -175,18 +176,15 @@ class AbstractTeamTask(AbstractTask[TeamCondition, TeamSample]):
         batch = jax.tree.map(lambda *leaves: np.stack(leaves), *arrays)
         return batch, np.asarray(batch.mask)
 
-    def other_condition(self, expected: TeamCondition, actual: TeamCondition) -> Wrong | None:
-        """The first difference of their JSON objects."""
-        return consistency.first_difference(expected.to_json(), actual.to_json(), "condition")
-
-    def parse_result(self, value: Any) -> TeamSample:
-        """A sample with its certificate, from its JSON object."""
+    def _sample(self, value: Any) -> TeamSample:
         return self._parse(value, certified=True)
 
     def read_demonstrations(self, path: StrPath) -> list[TeamSample]:
         """All demonstrations of a file; raises `InputError` for the first invalid one."""
         what = f"{self.name} demonstration"
-        return read_results(path, lambda line: self._parse(line, certified=False), what, self.lines)
+        return read_results(
+            path, lambda line: self._parse(line, certified=False), what, self.formats.lines
+        )
 
     def _parse(self, value: Any, *, certified: bool) -> TeamSample:
         result = parse_sample(value, self.condition, self.dim, certified=certified)
@@ -201,10 +199,6 @@ class AbstractTeamTask(AbstractTask[TeamCondition, TeamSample]):
     def generator(self, field: Field, options: GenerateOptions) -> "TeamGenerator":
         """A generator that calls `deggflow.sample`."""
         return TeamGenerator(self, field, guided=options.guided)
-
-    def fails(self, row: Line, *, guided: bool) -> bool:
-        """Whether the certificate reports a violated requirement."""
-        return not row["certificate"]["satisfied"]
 
     def examine(self, result: TeamSample, line: Line) -> Examination:
         """Checks a sample by the requirements in float64 and by the oracle."""
@@ -249,10 +243,6 @@ class AbstractTeamTask(AbstractTask[TeamCondition, TeamSample]):
             names = DecoupledGuidance(self.requirements).names
             agents = [f"agent {k}" for k in range(self.sizes[1])]
             yield from consistency.check_generation(record, f"{field}.generation", names, agents)
-
-    def conclude(self, examinations: Sequence[Examination]) -> str:
-        """A sentence with the totals."""
-        return self.claim.in_total(examinations)
 
     def evaluation(
         self, field: Field, options: EvaluateOptions, weights: str | None

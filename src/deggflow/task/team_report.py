@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from deggflow.flow import Field
-from deggflow.statistics import Rate, Row
+from deggflow.statistics import CaseRow
 
 from .interface import AbstractEvaluation, RunSettings, Table
 from .options import EvaluateOptions, GenerateOptions, check_range
@@ -31,7 +31,7 @@ class TeamOptions(EvaluateOptions):
 
 
 @dataclass(frozen=True)
-class TeamEvaluation(Row):
+class TeamEvaluation(CaseRow):
     """Counts out of `cases` for one size.
 
     Attributes:
@@ -53,10 +53,6 @@ class TeamEvaluation(Row):
     most_draws: int
     least_margin: float | None
     refuted: int
-
-    def rate(self, count: int) -> Rate:
-        """A count as a proportion of the cases."""
-        return Rate(count, self.cases)
 
 
 class TeamSuccess(AbstractEvaluation[TeamEvaluation]):

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from deggflow.tasks.bridge.condition import TrialCondition, centres
-from deggflow.tasks.bridge.consistency import contradictions, other_condition
+from deggflow.tasks.bridge.consistency import contradictions
 from deggflow.tasks.bridge.factors import safe_factor, task_factor
 from deggflow.tasks.bridge.formats import parse_trial
 from deggflow.tasks.bridge.oracle import least_margin, refutation
 from deggflow.tasks.bridge.recomputed import q_safe, q_task, speed_violation, speeds
 from deggflow.tasks.bridge.requirements import PROGRESS
+from deggflow.tasks.bridge.task import BridgeTask
 from deggflow.tasks.bridge.verdict import contact_speeds, execute, integrate
 from deggflow.tasks.bridge.world import DT
 
@@ -214,11 +215,11 @@ def test_records_are_of_the_policies_they_stand_in(line):
 
 def test_another_condition_than_was_asked_for_is_told(line):
     given = parse_trial(line).condition
-    assert other_condition(given, given) is None
+    assert BridgeTask.formats.difference(given, given) is None
     for asked, field in (
         (TrialCondition((-1.5, 0.1, 0.06), given.goal, given.contacts), "plank.theta"),
         (TrialCondition(given.plank, (-0.3, 0.0, 0.0), given.contacts), "goal.x"),
         (TrialCondition(given.plank, given.goal, (*CONTACTS, (0.0, 0.36))), "contacts"),
         (TrialCondition(given.plank, given.goal, ((-2.5, 0.36), *CONTACTS[1:])), "contacts[0][0]"),
     ):
-        assert other_condition(asked, given).field == f"condition.{field}"
+        assert BridgeTask.formats.difference(asked, given).field == f"condition.{field}"

@@ -9,12 +9,13 @@ from shapely.geometry import Polygon, box
 
 from deggflow.jsonl import InputError
 from deggflow.tasks.fleet.condition import FleetCondition, Robot
-from deggflow.tasks.fleet.consistency import contradictions, other_condition
+from deggflow.tasks.fleet.consistency import contradictions
 from deggflow.tasks.fleet.formats import parse_condition, parse_plan
 from deggflow.tasks.fleet.maps import FloorMap
 from deggflow.tasks.fleet.oracle import refutes
 from deggflow.tasks.fleet.paths import exact_path
 from deggflow.tasks.fleet.plan import Plan
+from deggflow.tasks.fleet.task import FleetTask
 from deggflow.tasks.fleet.verdict import judge, segment_from_ring
 
 NOTCHED = ((-0.6, -0.7), (-0.1, -0.7), (-0.1, -0.2), (-0.3, -0.5), (-0.6, -0.2))
@@ -179,6 +180,6 @@ def test_conditions_are_compared_with_their_defaults():
     two = parse_condition(
         {"map": {"bounds": [-1, -1, 1, 1]}, "robots": robots, "radius": 0.05, "speed_limit": 0.12}
     )
-    assert other_condition(one, two) is None
+    assert FleetTask.formats.difference(one, two) is None
     three = parse_condition({"map": "empty", "robots": robots, "radius": 0.06})
-    assert other_condition(one, three).field == "condition.radius"
+    assert FleetTask.formats.difference(one, three).field == "condition.radius"

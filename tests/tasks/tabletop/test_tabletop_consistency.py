@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from deggflow.tasks.tabletop.condition import Affordance, Balance, SceneCondition, take, to_arrays
-from deggflow.tasks.tabletop.consistency import contradictions, other_condition
+from deggflow.tasks.tabletop.consistency import contradictions
 from deggflow.tasks.tabletop.formats import parse_scene
 from deggflow.tasks.tabletop.library import object_type
 from deggflow.tasks.tabletop.margins import TABLETOP
+from deggflow.tasks.tabletop.task import TabletopTask
 from deggflow.tasks.tabletop.verdict import BUFFER, judge
 
 OBJECTS = ("laptop", "pen_cup", "teacup")
@@ -174,13 +175,15 @@ def test_a_diverged_draw_lies_beyond_the_table():
 
 def test_another_condition_than_was_asked_for_is_told():
     given = SceneCondition(OBJECTS, {"laptop": Affordance(direction=1.0)})
-    assert other_condition(given, given) is None
+    assert TabletopTask.formats.difference(given, given) is None
     explicit = {**given.requirements, "teacup": Affordance()}
-    assert other_condition(given.with_requirements(explicit), given) is None  # defaults written out
+    assert (
+        TabletopTask.formats.difference(given.with_requirements(explicit), given) is None
+    )  # defaults written out
     for asked, field in (
         (SceneCondition(OBJECTS[:2], given.requirements), "objects"),
         (SceneCondition(OBJECTS), "requirements.laptop.direction"),
         (SceneCondition(OBJECTS, given.requirements, width=1.0), "table.width"),
         (SceneCondition(OBJECTS, given.requirements, balance=Balance()), "balance"),
     ):
-        assert other_condition(asked, given).field == f"condition.{field}"
+        assert TabletopTask.formats.difference(asked, given).field == f"condition.{field}"

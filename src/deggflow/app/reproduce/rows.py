@@ -6,7 +6,7 @@ from typing import Any, TypeVar
 from deggflow.app.runs import resumed_rows
 from deggflow.jsonl import InputError
 from deggflow.output import ResumableOutput
-from deggflow.task.interface import Written
+from deggflow.task.formats import Written
 
 from .experiment import Settings
 

@@ -236,13 +236,8 @@ def _length(violation: int | float) -> float:
     return float(np.sqrt(2 * max(violation, 0.0)))
 
 
-def other_condition(expected: TrialCondition, actual: TrialCondition) -> Wrong | None:
-    """The first difference between a line's condition and the requested one."""
-    one, other = (_plain(condition) for condition in (expected, actual))
-    return consistency.first_difference(one, other, "condition")
-
-
-def _plain(condition: TrialCondition) -> Line:
+def plain(condition: TrialCondition) -> Line:
+    """The condition as JSON values."""
     names = ("x", "y", "theta")
     return {
         "plank": dict(zip(names, condition.plank, strict=True)),

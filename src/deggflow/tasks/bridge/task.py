@@ -1,9 +1,9 @@
 """The bridge task, as the commands see it."""
 
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, cast
 
-from deggflow.consistency import Line, Wrong
+from deggflow.consistency import Line
 from deggflow.drift import AbstractDrift
 from deggflow.flow import Field
 from deggflow.task import (
@@ -13,6 +13,7 @@ from deggflow.task import (
     Claim,
     EvaluateOptions,
     Examination,
+    Formats,
     GenerateOptions,
     OnStatus,
     RunSettings,
@@ -20,7 +21,7 @@ from deggflow.task import (
 )
 
 from .condition import TrialCondition
-from .consistency import UNVERIFIED, contradictions, other_condition
+from .consistency import UNVERIFIED, contradictions, plain
 from .field import BridgeField
 from .formats import parse_condition, parse_trial
 from .generator import BridgeGenerator, Round
@@ -86,30 +87,17 @@ class BridgeTask(AbstractTask[TrialCondition, Trial]):
     name = "bridge"
     noun = "trial"
     sizes = (MIN_ROBOTS, MAX_ROBOTS)
-    lines = LINES
     options = OPTIONS
-    unverified = UNVERIFIED
+    formats = Formats(parse_condition, parse_trial, plain, LINES, UNVERIFIED)
     claim = Claim("trial bridges the gap", "trials bridge the gap")
     model = BridgeModel()
     processes = BridgeProcesses()
-
-    def parse_condition(self, value: Any, field: str = "") -> TrialCondition:
-        """As `formats.parse_condition`."""
-        return parse_condition(value, field)
 
     def random_conditions(
         self, size: int, count: int, first: int, options: GenerateOptions
     ) -> list[TrialCondition]:
         """As `scenes.random_conditions`."""
         return random_conditions(size, count, options.seed, first)
-
-    def other_condition(self, expected: TrialCondition, actual: TrialCondition) -> Wrong | None:
-        """As `consistency.other_condition`."""
-        return other_condition(expected, actual)
-
-    def parse_result(self, value: Any) -> Trial:
-        """As `formats.parse_trial`."""
-        return parse_trial(value)
 
     def generator(self, field: Field, options: GenerateOptions) -> TrialStream:
         """Trials with the default guidance and a speed limit, or without any."""

@@ -5,7 +5,6 @@ from typing import Any
 
 from deggflow import consistency
 from deggflow.consistency import Line, Unverified, Wrong
-from deggflow.jsonl import shorten
 
 from .condition import FleetCondition
 from .formats import parse_plan
@@ -44,22 +43,14 @@ def contradictions(line: Line) -> list[Wrong]:
 
 
 def _contradictions(certificate: Line, plan: Plan, verdict: Verdict) -> Iterator[Wrong]:
-    true = holds(plan, verdict)
-    diverged = certificate["reason"] == DIVERGED
-    if certificate["satisfied"] != true and not diverged:
-        wrong = "is true, but a requirement is missed" if not true else "is false, but all hold"
-        yield Wrong("certificate.satisfied", wrong)
-    yield from consistency.check_claim(certificate, "certificate")
     generation = certificate.get("generation")
-    if certificate["reason"] is not None and not true and not diverged:
-        reason = verdict.reason() or "the oracle finds a requirement missed"
-        if generation is not None and generation["first_failure"]:
-            reason += f"; on the way {generation['first_failure']}"
-        if certificate["reason"] != reason:
-            yield Wrong("certificate.reason", f"is not what is found: {shorten(reason, 300)}")
-    if not abs(certificate["min_margin"] - verdict.min_margin) <= TOLERANCE:
-        text = f"is not the least margin, {verdict.min_margin:.9g} map units"
-        yield Wrong("certificate.min_margin", text)
+    found = verdict.reason() or "the oracle finds a requirement missed"
+    yield from consistency.check_result(
+        certificate, "certificate",
+        holds=None if certificate["reason"] == DIVERGED else holds(plan, verdict),
+        reasons=[consistency.found_reason(found, generation)],
+        margin=verdict.min_margin, tolerance=TOLERANCE, unit="map units",
+    )  # fmt: skip
     away = abs(certificate["violation"] - verdict.violation)
     if not away <= TOLERANCE * (1 + verdict.violation) or certificate["violation"] < 0:
         text = f"is not the violation of the paths, {verdict.violation:.6g}"
@@ -90,7 +81,7 @@ def _is_name(given: str, least: str) -> bool:
     )
 
 
-def _plain(condition: FleetCondition) -> Mapping[str, Any]:
+def plain(condition: FleetCondition) -> Mapping[str, Any]:
     """The condition with every default written out."""
     floor = condition.floor
     return {
@@ -99,8 +90,3 @@ def _plain(condition: FleetCondition) -> Mapping[str, Any]:
         "radius": condition.radius,
         "speed_limit": condition.speed_limit,
     }
-
-
-def other_condition(expected: FleetCondition, actual: FleetCondition) -> Wrong | None:
-    """The first difference between a line's condition and the requested one."""
-    return consistency.first_difference(_plain(expected), _plain(actual), "condition")

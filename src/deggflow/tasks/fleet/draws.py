@@ -8,9 +8,9 @@ from jaxtyping import Array, Bool, Float
 
 from deggflow.drift import EVERY_STEP, AbstractDrift, AfterPrediction
 from deggflow.flow import Field
-from deggflow.generation import Generation, generate_batch
+from deggflow.generation import Generation
 from deggflow.guidance import AbstractGuidance
-from deggflow.sampler import Grid
+from deggflow.sampler import Grid, masked_batch
 from deggflow.shapes import Scalar, States
 from deggflow.step_guard import StepGuard
 
@@ -81,10 +81,8 @@ class ChosenThenGuided:
             nominal = predictions(field, drift, noise, draw)
             return best_response(nominal, draw.arrays, self.crowding)
 
-        return generate_batch(
-            still, guidance, jax.vmap(start)(noise, draws), draws.arrays, grid=grid,
-            drift=EVERY_STEP, guard=guard, mask=draws.arrays.mask, keep_trace=keep_trace,
-        )  # fmt: skip
+        z0 = jax.vmap(start)(noise, draws)
+        return masked_batch(still, guidance, z0, draws.arrays, grid, EVERY_STEP, guard, keep_trace)
 
 
 def guided_throughout(
@@ -98,7 +96,5 @@ def guided_throughout(
     keep_trace: bool,
 ) -> Generation:
     """A program for `Sampler`: the generation from the first z(0), guided or nominal."""
-    return generate_batch(
-        field, guidance, noise[:, 0], draws.arrays, grid=grid, drift=drift, guard=guard,
-        mask=draws.arrays.mask, keep_trace=keep_trace,
-    )  # fmt: skip
+    z0, arrays = noise[:, 0], draws.arrays
+    return masked_batch(field, guidance, z0, arrays, grid, drift, guard, keep_trace)

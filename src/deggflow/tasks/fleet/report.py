@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from deggflow.flow import Field
-from deggflow.statistics import Rate, Row
+from deggflow.statistics import CaseRow
 from deggflow.task import AbstractEvaluation, Table
 
 from .drawn import random_conditions
@@ -22,7 +22,7 @@ from .schemes import OWN
 
 
 @dataclass(frozen=True)
-class FleetEvaluation(Row):
+class FleetEvaluation(CaseRow):
     """One map, scheme and size: counts out of `cases`.
 
     Attributes:
@@ -56,10 +56,6 @@ class FleetEvaluation(Row):
     milliseconds: float
     missed: dict[str, int]
     failure: str | None
-
-    def rate(self, count: int) -> Rate:
-        """A count as a proportion of the cases."""
-        return Rate(count, self.cases)
 
 
 def evaluate(

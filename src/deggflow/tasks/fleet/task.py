@@ -1,9 +1,9 @@
 """The fleet, as the commands see it."""
 
 from collections.abc import Iterator, Sequence
-from typing import Any, cast
+from typing import cast
 
-from deggflow.consistency import Line, Wrong
+from deggflow.consistency import Line
 from deggflow.flow import Field
 from deggflow.task import (
     AbstractGenerator,
@@ -12,6 +12,7 @@ from deggflow.task import (
     Claim,
     EvaluateOptions,
     Examination,
+    Formats,
     GenerateOptions,
     OnStatus,
     RunSettings,
@@ -19,7 +20,7 @@ from deggflow.task import (
 )
 
 from .condition import MAX_ROBOTS, MIN_ROBOTS, FleetCondition
-from .consistency import UNVERIFIED, contradictions, holds, other_condition
+from .consistency import UNVERIFIED, contradictions, holds, plain
 from .drawn import random_conditions
 from .formats import parse_condition, parse_plan
 from .generator import FleetGenerator
@@ -55,14 +56,9 @@ class FleetTask(AbstractTask[FleetCondition, Plan]):
     noun = "plan"
     sizes = (MIN_ROBOTS, MAX_ROBOTS)
     options = OPTIONS
-    lines = LINES
-    unverified = UNVERIFIED
+    formats = Formats(parse_condition, parse_plan, plain, LINES, UNVERIFIED)
     claim = Claim("plan satisfies every requirement", "plans satisfy every requirement")
     model = FleetModel()
-
-    def parse_condition(self, value: Any, field: str = "") -> FleetCondition:
-        """As `formats.parse_condition`."""
-        return parse_condition(value, field)
 
     def random_conditions(
         self, size: int, count: int, first: int, options: GenerateOptions
@@ -71,23 +67,11 @@ class FleetTask(AbstractTask[FleetCondition, Plan]):
         fleet = cast(FleetGenerate, options)
         return random_conditions(size, count, fleet.map, fleet.scheme, options.seed, first)
 
-    def other_condition(self, expected: FleetCondition, actual: FleetCondition) -> Wrong | None:
-        """As `consistency.other_condition`."""
-        return other_condition(expected, actual)
-
-    def parse_result(self, value: Any) -> Plan:
-        """As `formats.parse_plan`."""
-        return parse_plan(value)
-
     def generator(self, field: Field, options: GenerateOptions) -> PlanStream:
         """Plans with the default guidance, or without any."""
         return PlanStream(
             FleetGenerator(field, cast(FleetGenerate, options), guided=options.guided)
         )
-
-    def fails(self, row: Line, *, guided: bool) -> bool:
-        """Whether the certificate says that a requirement is missed."""
-        return not row["certificate"]["satisfied"]
 
     def examine(self, result: Plan, line: Line) -> Examination:
         """In closed form, by Shapely, and at many moments."""
@@ -100,10 +84,6 @@ class FleetTask(AbstractTask[FleetCondition, Plan]):
             contradictions(line),
             result.certificate.table(),
         )
-
-    def conclude(self, examinations: Sequence[Examination]) -> str:
-        """Numbers of lines that hold and of lines with a discrepancy."""
-        return self.claim.in_total(examinations)
 
     def evaluation(
         self, field: Field, options: EvaluateOptions, weights: str | None

@@ -8,7 +8,6 @@ import numpy as np
 
 from deggflow import consistency
 from deggflow.consistency import Line, Unverified, Wrong
-from deggflow.jsonl import shorten
 
 from .condition import SceneCondition
 from .formats import parse_scene
@@ -51,22 +50,12 @@ def contradictions(line: Line) -> list[Wrong]:
 
 
 def _contradictions(certificate: Line, scene: Scene, verdict: Verdict) -> Iterator[Wrong]:
-    true = holds(scene, verdict)
-    if certificate["satisfied"] != true:
-        text = "is true, but exact geometry finds that a requirement is missed"
-        yield Wrong(
-            "certificate.satisfied", text if not true else "is false, but all requirements hold"
-        )
-    yield from consistency.check_claim(certificate, "certificate")
     generation = certificate.get("generation")
-    if certificate["reason"] is not None and not true:
-        reasons = _reasons(scene, verdict, generation)
-        if certificate["reason"] not in reasons:
-            yield Wrong("certificate.reason", f"is not what is found: {shorten(reasons[0], 300)}")
-    if not abs(certificate["min_margin"] - verdict.min_margin) <= TOLERANCE:
-        yield Wrong(
-            "certificate.min_margin", f"is not the least margin, {verdict.min_margin:.9g} m"
-        )
+    yield from consistency.check_result(
+        certificate, "certificate",
+        holds=holds(scene, verdict), reasons=_reasons(scene, verdict, generation),
+        margin=verdict.min_margin, tolerance=TOLERANCE, unit="m",
+    )  # fmt: skip
     away = abs(_length(certificate["violation"]) - _length(verdict.violation))
     if not away <= TOLERANCE or certificate["violation"] < 0:
         yield Wrong("certificate.violation", f"is not V of the scene, {verdict.violation:.6g} m^2")
@@ -80,9 +69,8 @@ def _contradictions(certificate: Line, scene: Scene, verdict: Verdict) -> Iterat
 
 def _reasons(scene: Scene, verdict: Verdict, generation: Line | None) -> list[str]:
     """Possible reasons: the finding of exact geometry, and the first failure along the generation."""
-    reason = verdict.reason(scene.condition.objects) or "Shapely finds a requirement missed"
-    if generation is not None and generation["first_failure"]:
-        reason += f"; on the way {generation['first_failure']}"
+    found = verdict.reason(scene.condition.objects) or "Shapely finds a requirement missed"
+    reason = consistency.found_reason(found, generation)
     beyond = [scene.condition.width, scene.condition.depth, 0.0]
     return [reason, *([DIVERGED] if (scene.poses == beyond).all() else [])]
 
@@ -119,7 +107,7 @@ def _off_balance(scene: Scene) -> float:
     return math.hypot(x - circle.x, y - circle.y)
 
 
-def _plain(condition: SceneCondition) -> Mapping[str, Any]:
+def plain(condition: SceneCondition) -> Mapping[str, Any]:
     """The condition with every default written out."""
     needs = {name: vars(condition.affordance(name)) for name in condition.objects}
     circle = None if condition.balance is None else vars(condition.balance)
@@ -129,8 +117,3 @@ def _plain(condition: SceneCondition) -> Mapping[str, Any]:
         "table": {"width": condition.width, "depth": condition.depth},
         "balance": circle,
     }
-
-
-def other_condition(expected: SceneCondition, actual: SceneCondition) -> Wrong | None:
-    """The first difference between a line's condition and the requested one."""
-    return consistency.first_difference(_plain(expected), _plain(actual), "condition")

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from deggflow.certificate import Certificate
 from deggflow.drift import AbstractDrift
 from deggflow.flow import Field
-from deggflow.statistics import Rate, Row
+from deggflow.statistics import CaseRow, Rate, Row
 
 from .changes import random_conditions
 from .condition import SceneCondition
@@ -24,7 +24,7 @@ ALLOCATIONS = {"own": OWN, "pooled": POOLED, "local": LOCAL}
 
 
 @dataclass(frozen=True)
-class Evaluation(Row):
+class Evaluation(CaseRow):
     """One size and one family of requirements: counts out of `cases`."""
 
     size: int
@@ -41,10 +41,6 @@ class Evaluation(Row):
     contradicted: int  # of these, draws that the verdict refuses nevertheless
     evaluations: Sequence[float]  # of the guided field: median, 99% quantile, most
     with_forced_steps: int  # first draws with a step that had to be taken above its limit
-
-    def rate(self, count: int) -> Rate:
-        """A count as a proportion of the cases."""
-        return Rate(count, self.cases)
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,9 @@
 """The tabletop task, as the commands see it."""
 
 from collections.abc import Iterator, Sequence
-from typing import Any, cast
+from typing import cast
 
-from deggflow.consistency import Line, Wrong
+from deggflow.consistency import Line
 from deggflow.drift import AbstractDrift
 from deggflow.flow import Field
 from deggflow.task import (
@@ -13,6 +13,7 @@ from deggflow.task import (
     Claim,
     EvaluateOptions,
     Examination,
+    Formats,
     GenerateOptions,
     OnStatus,
     RunSettings,
@@ -21,7 +22,7 @@ from deggflow.task import (
 
 from .changes import random_conditions
 from .condition import SceneCondition
-from .consistency import UNVERIFIED, contradictions, holds, other_condition
+from .consistency import UNVERIFIED, contradictions, holds, plain
 from .formats import parse_condition, parse_scene
 from .generator import TabletopGenerator, few_evaluations
 from .large import is_large, make_scenes
@@ -66,16 +67,11 @@ class TabletopTask(AbstractTask[SceneCondition, Scene]):
     name = "tabletop"
     noun = "scene"
     sizes = (1, MAX_LARGE)
-    lines = LINES
     options = OPTIONS
-    unverified = UNVERIFIED
+    formats = Formats(parse_condition, parse_scene, plain, LINES, UNVERIFIED)
     claim = Claim("scene satisfies every requirement", "scenes satisfy every requirement")
     model = TabletopModel()
     processes = TabletopProcesses()
-
-    def parse_condition(self, value: Any, field: str = "") -> SceneCondition:
-        """As `formats.parse_condition`."""
-        return parse_condition(value, field)
 
     def random_conditions(
         self, size: int, count: int, first: int, options: GenerateOptions
@@ -84,24 +80,12 @@ class TabletopTask(AbstractTask[SceneCondition, Scene]):
         family = cast(TabletopGenerate, options).requirements
         return random_conditions(size, count, family, options.seed, first)
 
-    def other_condition(self, expected: SceneCondition, actual: SceneCondition) -> Wrong | None:
-        """As `consistency.other_condition`."""
-        return other_condition(expected, actual)
-
-    def parse_result(self, value: Any) -> Scene:
-        """As `formats.parse_scene`."""
-        return parse_scene(value)
-
     def generator(self, field: Field, options: GenerateOptions) -> SceneStream:
         """Scenes with the default guidance, or without any."""
         keep_trace = cast(TabletopGenerate, options).trace
         drift = few_evaluations(options)
         generator = scene_generator(field, guided=options.guided, drift=drift)
         return SceneStream(generator, keep_trace=keep_trace)
-
-    def fails(self, row: Line, *, guided: bool) -> bool:
-        """Whether the certificate says that a requirement is missed."""
-        return not row["certificate"]["satisfied"]
 
     def examine(self, result: Scene, line: Line) -> Examination:
         """By exact geometry and by Shapely."""
@@ -115,10 +99,6 @@ class TabletopTask(AbstractTask[SceneCondition, Scene]):
             contradictions(line),
             result.certificate.table(),
         )
-
-    def conclude(self, examinations: Sequence[Examination]) -> str:
-        """Numbers of lines that hold and of lines with a discrepancy."""
-        return self.claim.in_total(examinations)
 
     def evaluation(
         self, field: Field, options: EvaluateOptions, weights: str | None
