@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 # Most of the tests' time goes into compiling programs that run for milliseconds, and with fewer optimizations that
 # takes a third as long. Tests of rounding are compiled as users do; `make test XLA_FLAGS=` does so with all.
-XLA_FLAGS ?= --xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true --xla_cpu_use_fusion_emitters=false
+XLA_FLAGS ?= --xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true --xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1
 
 .PHONY: help demo quick test test-matrix lint docs bench ray release-check clean
 

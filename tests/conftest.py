@@ -1,11 +1,26 @@
 import gc
 import os
+from importlib.util import find_spec
 from pathlib import Path
 
 import hypothesis
 import jax
+import jaxtyping
 import pytest
 
+
+def check_shapes(package):
+    """Has arguments and results checked in modules that name shapes. All other types are mypy's, as each check takes long."""
+    (folder,) = map(Path, find_spec(package).submodule_search_locations)
+    modules = []
+    for path in folder.rglob("*.py"):
+        if "jaxtyping" in path.read_text():
+            parts = path.relative_to(folder).with_suffix("").parts
+            modules.append(".".join((package, *parts)))
+    jaxtyping.install_import_hook(modules, "beartype.beartype")
+
+
+check_shapes("deggflow")
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
 
@@ -37,12 +52,17 @@ PIECES = 20_000  # of memory; a process may have 65,530 by Linux's default
 
 @pytest.fixture(autouse=True, scope="module")
 def few_programs():
-    """Compiled programs take a few pieces of memory each, and a process that has too many can't compile another."""
+    """Compiled programs take a few pieces of memory each, and a process that has too many can't compile another.
+
+    What JAX keeps of a module is not looked through again and again for garbage during the following ones.
+    """
     yield
     maps = Path("/proc/self/maps")
     if maps.exists() and len(maps.read_bytes().splitlines()) > PIECES:
+        gc.unfreeze()
         jax.clear_caches()
         gc.collect()
+    gc.freeze()
 
 
 # Machines differ in speed, and others may use them.

@@ -20,10 +20,15 @@ class Logger:
         )
         self.number, self.rounds = number, rounds
         self.log, self.result = [], None
+        self.completed, self.past = 0, b""  # number of rounds, and a digest of the log
 
     def content(self):
-        text = repr((self.number, self.log)).encode()
-        return blake2b(text, digest_size=SIZE).digest()
+        return blake2b(bytes([self.number]) + self.past, digest_size=SIZE).digest()
+
+    def write(self, kind, what):
+        self.log.append((kind, what))
+        self.completed += kind == "round"
+        self.past = blake2b(self.past + repr((kind, what)).encode(), digest_size=SIZE).digest()
 
     def start(self):
         self.follow(self.agreement.publish(self.content()))
@@ -41,16 +46,13 @@ class Logger:
     def follow(self, events):
         while events:
             for event in events:
-                if self.result is None and self.completed() >= self.rounds:
+                if self.result is None and self.completed >= self.rounds:
                     self.result = list(self.log)
                 if isinstance(event, RoundComplete):
-                    self.log.append(("round", tuple(sorted(event.contents.items()))))
+                    self.write("round", tuple(sorted(event.contents.items())))
                 else:
-                    self.log.append(("lost", tuple(sorted(event.lost))))
+                    self.write("lost", tuple(sorted(event.lost)))
             events = self.agreement.publish(self.content())
-
-    def completed(self):
-        return sum(kind == "round" for kind, _ in self.log)
 
 
 def play(seed, *, agents=4, faults=1, rounds=6, network=None, plan=(), deadline=None):

@@ -1,6 +1,7 @@
-"""Distances of points from a map's boxes and discs, and straight moves among them, in float64."""
+"""Distances of points from a map's obstacles, and straight moves among them, in float64."""
 
 import numpy as np
+import shapely
 from jaxtyping import Bool, Float
 
 from .maps import FloorMap
@@ -11,7 +12,7 @@ Points = Float[np.ndarray, "*rows 2"]
 
 
 def clearance(floor: FloorMap, points: Points) -> Float[np.ndarray, "*rows"]:
-    """Signed distance to the nearest box or disc, negative inside it; infinite on a map without any."""
+    """Signed distance to the nearest obstacle, negative inside it; infinite on a map without any."""
     distance = np.full(points.shape[:-1], np.inf)
     for x, y, width, height in floor.boxes:
         beyond_x = np.abs(points[..., 0] - x) - width / 2
@@ -22,6 +23,10 @@ def clearance(floor: FloorMap, points: Points) -> Float[np.ndarray, "*rows"]:
     for x, y, radius in floor.discs:
         away = np.hypot(points[..., 0] - x, points[..., 1] - y) - radius
         distance = np.minimum(distance, away)
+    for corners in floor.polygons:
+        shape, places = shapely.Polygon(corners), shapely.points(points)
+        away = shapely.distance(shape.exterior, places)
+        distance = np.minimum(distance, np.where(shapely.contains(shape, places), -away, away))
     return distance
 
 

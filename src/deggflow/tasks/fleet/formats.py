@@ -80,7 +80,8 @@ def _polygon(value: Any, field: str) -> tuple[tuple[float, float], ...]:
     return ring
 
 
-def _map(value: Any, field: str) -> str | FloorMap:
+def parse_map(value: Any, field: str) -> str | FloorMap:
+    """A map from its name or its JSON object; raises `InputError` with the field."""
     if isinstance(value, str):
         return expect_choice(value, field, tuple(NAMED))
     entries = expect_object(value, field, ("bounds", "boxes", "discs", "polygons"))
@@ -108,7 +109,7 @@ def parse_condition(value: Any, field: str = "") -> FleetCondition:
     """A condition from its JSON object; raises `InputError` with the field."""
     keys = ("map", "robots", "radius", "speed_limit")
     entries = expect_object(value, field, keys, keys[:2])
-    floor = _map(entries["map"], join(field, "map"))
+    floor = parse_map(entries["map"], join(field, "map"))
     place = join(field, "robots")
     robots = expect_list(entries["robots"], place)
     if not MIN_ROBOTS <= len(robots) <= MAX_ROBOTS:

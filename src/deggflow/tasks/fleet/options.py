@@ -1,6 +1,7 @@
 """The fleet's options of every command. Does not import JAX."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 from deggflow.jsonl import InputError
@@ -70,26 +71,33 @@ class FleetGenerate(FleetFieldOptions, options.GenerateOptions):
             their paths.
         map: Map of drawn conditions; any: one of the named maps, drawn at random.
         scheme: Starts and goals of drawn conditions: at random, or MMD's own of a map.
+        floor: Floor of drawn conditions, instead of --map: an image whose dark pixels are obstacles (.png), or a JSON
+            file with the "map" of a condition.
     """
 
     max_draws: int = 16
     map: MapName = "any"
     scheme: Scheme = "random"
+    floor: Path | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.conditions is not None and (self.map, self.scheme) != ("any", "random"):
             raise InputError("--map and --scheme go with --size, not with --conditions")
+        if self.floor is not None and (self.conditions is not None or self.map != "any"):
+            raise InputError("--floor goes with --size, instead of --map")
         if self.scheme == "own" and self.map in ("dense", "random", "any"):
             raise InputError(
                 f"--scheme own goes with --map empty, conveyor, highways or drop_region; got {self.map}"
             )
 
     def settings(self) -> dict[str, Any]:
-        """As of every task; a file of conditions has its own maps."""
+        """As of every task; a file of conditions has its own maps, and conditions of a floor hold it."""
         drawn = self.conditions is None
+        common = super().settings()
+        del common["floor"]
         return {
-            **super().settings(),
+            **common,
             "map": self.map if drawn else "",
             "scheme": self.scheme if drawn else "",
         }

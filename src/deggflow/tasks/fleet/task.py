@@ -22,6 +22,7 @@ from deggflow.task import (
 from .condition import MAX_ROBOTS, MIN_ROBOTS, FleetCondition
 from .consistency import UNVERIFIED, contradictions, holds, plain
 from .drawn import random_conditions
+from .floor_files import read_floor
 from .formats import parse_condition, parse_plan
 from .generator import FleetGenerator
 from .lines import LINES
@@ -65,7 +66,10 @@ class FleetTask(AbstractTask[FleetCondition, Plan]):
     ) -> list[FleetCondition]:
         """On the map and by the scheme that the options name."""
         fleet = cast(FleetGenerate, options)
-        return random_conditions(size, count, fleet.map, fleet.scheme, options.seed, first)
+        floor = None if fleet.floor is None else read_floor(fleet.floor)
+        return random_conditions(
+            size, count, fleet.map, fleet.scheme, options.seed, first, own_floor=floor
+        )
 
     def generator(self, field: Field, options: GenerateOptions) -> PlanStream:
         """Plans with the default guidance, or without any."""
