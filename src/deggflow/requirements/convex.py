@@ -57,8 +57,8 @@ def repulsion(pieces: Pieces, x: Positions, reach: Any, eps: float) -> Each:
     beside = jnp.maximum(jnp.min(side, axis=0), -jnp.max(side, axis=0))
     gap = jnp.maximum(gap, jnp.where(still, -jnp.inf, beside))
     # A waypoint belongs to the motion before it; the first one to that after it.
-    total = total + points[..., 1:] + overlap(gap, reach)
-    return total.at[..., 0].add(points[..., 0])
+    begin = jnp.concatenate([points[..., :1], jnp.zeros_like(points[..., 2:])], axis=-1)
+    return total + points[..., 1:] + begin + overlap(gap, reach)
 
 
 def point_distance(
@@ -71,10 +71,12 @@ def point_distance(
         x: Points.
         gaps: How far the points are beyond each face.
     """
+    # By coordinates: with both in one array, XLA's program for several candidates of several fleets writes beyond its
+    # memory (jaxlib 0.10.2 on CPUs).
     edge = jnp.roll(corner, -1, axis=0) - corner
-    offset = x[None] - corner
-    square = jnp.sum(edge**2, axis=1)
-    s = jnp.sum(offset * edge, axis=1) / jnp.where(square > 0, square, 1.0)
-    rest = offset - jnp.clip(s, 0.0, 1.0)[:, None] * edge
-    near = jnp.min(jnp.sum(rest**2, axis=1), axis=0)
+    edge_x, edge_y = edge[:, 0], edge[:, 1]
+    x_, y_ = x[0][None] - corner[:, 0], x[1][None] - corner[:, 1]
+    square = edge_x**2 + edge_y**2
+    s = jnp.clip((x_ * edge_x + y_ * edge_y) / jnp.where(square > 0, square, 1.0), 0.0, 1.0)
+    near = jnp.min((x_ - s * edge_x) ** 2 + (y_ - s * edge_y) ** 2, axis=0)
     return root(jnp.where(jnp.max(gaps, axis=0) > 0, near, 0.0))

@@ -6,12 +6,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from shapely.geometry import LineString, Point, box
 
 from deggflow.jsonl import InputError
 from deggflow.tasks.fleet.clearance import clearance
+from deggflow.tasks.fleet.condition import FleetCondition, Robot
 from deggflow.tasks.fleet.floor_files import MAX_PIXELS, floor_of_image, read_floor
+from deggflow.tasks.fleet.generator import FleetGenerator
 from deggflow.tasks.fleet.maps import FloorMap
-from deggflow.tasks.fleet.options import FleetGenerate
+from deggflow.tasks.fleet.model import FleetModel
+from deggflow.tasks.fleet.options import FleetFieldOptions, FleetGenerate
+from deggflow.tasks.fleet.oracle import refutes
+from deggflow.tasks.fleet.planner import routes
+from deggflow.tasks.fleet.schemes import random_scheme
 from deggflow.tasks.fleet.task import FleetTask
 
 
@@ -78,7 +85,43 @@ def test_an_image_with_too_much_in_it_is_refused(tmp_path):
         floor_of_image(checkered)
 
 
-@pytest.mark.parametrize("options", [{"map": "conveyor", "size": 3}, {"conditions": Path("asked.jsonl")}])
+@pytest.mark.parametrize(
+    "options", [{"map": "conveyor", "size": 3}, {"conditions": Path("asked.jsonl")}]
+)
 def test_a_floor_goes_with_drawn_conditions_without_a_map(options):
     with pytest.raises(InputError, match="--floor goes with --size, instead of --map"):
         FleetGenerate(floor=Path("floor.png"), **options)
+
+
+WALLS = FloorMap(
+    bounds=(-1.0, -0.8, 1.0, 0.8),
+    boxes=((-0.45, 0.2, 0.1, 1.2),),
+    discs=((0.5, -0.1, 0.2),),
+    polygons=(((0.0, -0.8), (0.1, -0.8), (0.1, 0.4), (0.0, 0.4)),),
+)
+
+
+def test_routes_lead_around_long_walls():
+    rng = np.random.default_rng(0)
+    starts, goals = random_scheme(WALLS, 12, rng)
+    robots = tuple(Robot(tuple(a), tuple(b)) for a, b in zip(starts, goals, strict=True))
+    condition = FleetCondition(WALLS, robots)
+    paths = routes(condition, range(12), rng)
+    np.testing.assert_allclose(paths[:, 0], starts)
+    np.testing.assert_allclose(paths[:, -1], goals)
+    walls = [box(-0.5, -0.4, -0.4, 0.8), Point(0.5, -0.1).buffer(0.2), box(0.0, -0.8, 0.1, 0.4)]
+    distances = [min(LineString(path).distance(wall) for wall in walls) for path in paths]
+    assert min(distances) > condition.radius / 2  # corners are rounded; guidance keeps the discs clear
+    assert (
+        sum(LineString([a, b]).distance(walls[0]) == 0 for a, b in zip(starts, goals, strict=True))
+        > 2
+    )
+
+
+def test_a_plan_whose_floor_the_field_does_not_know_is_found():
+    ends = (((-0.8, 0.3), (-0.2, 0.3)), ((-0.2, 0.6), (0.4, -0.6)), ((0.8, 0.0), (-0.25, -0.4)))
+    condition = FleetCondition(WALLS, tuple(Robot(*pair) for pair in ends))
+    generator = FleetGenerator(FleetModel().load(None), FleetFieldOptions())
+    (plan,) = generator.plans([condition], max_draws=4)
+    assert plan.certificate.satisfied
+    assert not refutes(condition, plan.paths)

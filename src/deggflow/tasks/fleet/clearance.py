@@ -42,7 +42,7 @@ def straight(
     end: Float[np.ndarray, "... 2"],
     margin: float,
 ) -> Bool[np.ndarray, "..."]:
-    """Whether straight moves keep a margin from every box, in both coordinates, and from every disc."""
+    """Whether straight moves keep a margin from every box, in both coordinates, from every disc and polygon."""
     move = end - start
     free = np.ones(np.broadcast_shapes(start.shape, end.shape)[:-1], bool)
     safe = np.where(np.abs(move) < _TINY, _TINY, move)
@@ -59,4 +59,8 @@ def straight(
         share = np.clip(np.sum(to_centre * move, axis=-1) / square, 0.0, 1.0)
         nearest = to_centre - share[..., None] * move
         free &= np.hypot(nearest[..., 0], nearest[..., 1]) >= radius + margin
+    if floor.polygons:
+        moves = shapely.linestrings(np.stack(np.broadcast_arrays(start, end), axis=-2))
+        for corners in floor.polygons:
+            free &= shapely.distance(moves, shapely.Polygon(corners)) >= margin
     return free

@@ -10,9 +10,8 @@ from jaxtyping import Array, Bool, Float
 from deggflow.requirements import polygon
 from deggflow.shapes import Scalar
 
-from .maps import NAMED, FloorMap
+from .maps import NAMED, RADIUS, FloorMap
 
-RADIUS = 0.05  # map units
 SPEED_LIMIT = 0.12  # map units per step from a waypoint to the next
 APART = 2.1  # radii between centres of two robots: MMD's own check
 MIN_ROBOTS, MAX_ROBOTS = 1, 64
@@ -161,7 +160,8 @@ def padding(conditions: Sequence[FleetCondition]) -> Padding:
 def _filled(
     rows: Float[np.ndarray, "rows ..."], count: int, absent: Float[np.ndarray, "..."]
 ) -> Float[np.ndarray, "count ..."]:
-    out = np.broadcast_to(absent, (count, *absent.shape)).astype(np.float32)
+    out = np.empty((count, *absent.shape), np.float32)
+    out[:] = absent
     out[: len(rows)] = rows
     return out
 

@@ -28,11 +28,15 @@ class Draw(NamedTuple):
         arrays: Conditions.
         kept: States of robots that keep their path from the draw before.
         keeps: Which robots do.
+        route: A short way of each robot on its own roadmap, one more candidate.
+        handicap: Added to the cost of this candidate: how much more the field's own paths may cost.
     """
 
     arrays: FleetArrays
     kept: States
     keeps: Bool[Array, " agents"]
+    route: States
+    handicap: Float[Array, " agents"]
 
     @property
     def mask(self) -> Bool[Array, " agents"]:
@@ -48,17 +52,16 @@ def still(tau: Scalar, z: States, condition: Any) -> States:
 def predictions(
     field: Field, drift: AbstractDrift, noise: Float[Array, "candidates agents dim"], draw: Draw
 ) -> Float[Array, "candidates agents dim"]:
-    """Nominal plans of one condition; robots that keep their path have it in each of them."""
+    """Nominal plans of one condition."""
 
     def one(z0: States) -> States:
         return AfterPrediction(drift).start(lambda tau, z: field(tau, z, draw.arrays), z0)
 
-    nominal = jax.vmap(one)(noise)
-    return jnp.where(draw.keeps[None, :, None], draw.kept[None], nominal)
+    return jax.vmap(one)(noise)
 
 
 class ChosenThenGuided:
-    """A program for `Sampler`: nominal plans, each robot's choice among them, guidance from there."""
+    """A program for `Sampler`: nominal plans and routes, each robot's choice among them, guidance from there."""
 
     def __init__(self, crowding: Crowding) -> None:
         """Args: crowding: of the conditions."""
@@ -75,11 +78,14 @@ class ChosenThenGuided:
         guard: StepGuard | None,
         keep_trace: bool,
     ) -> Generation:
-        """Args: as of `masked_batch`, with noise of several candidates and `Draw`s as conditions."""
+        """Args: as of `masked_batch`, with noise of several nominal plans and `Draw`s as conditions."""
 
         def start(noise: Float[Array, "candidates agents dim"], draw: Draw) -> States:
             nominal = predictions(field, drift, noise, draw)
-            return best_response(nominal, draw.arrays, self.crowding)
+            paths = jnp.concatenate([nominal, draw.route[None]])
+            paths = jnp.where(draw.keeps[None, :, None], draw.kept[None], paths)
+            handicaps = jnp.zeros((len(paths), len(draw.handicap))).at[-1].set(draw.handicap)
+            return best_response(paths, draw.arrays, self.crowding, handicaps)
 
         z0 = jax.vmap(start)(noise, draws)
         return masked_batch(still, guidance, z0, draws.arrays, grid, EVERY_STEP, guard, keep_trace)

@@ -18,8 +18,8 @@ from deggflow.jsonl import (
 from deggflow.records import parse_certificate
 from deggflow.requirements import polygon
 
-from .condition import MAX_ROBOTS, MIN_ROBOTS, RADIUS, SPEED_LIMIT, FleetCondition, Robot
-from .maps import BOUNDS, NAMED, FloorMap
+from .condition import MAX_ROBOTS, MIN_ROBOTS, SPEED_LIMIT, FleetCondition, Robot
+from .maps import BOUNDS, NAMED, RADIUS, FloorMap
 from .paths import WAYPOINTS
 from .plan import Plan
 

@@ -23,14 +23,17 @@ from .condition import MAX_ROBOTS, FleetCondition, padding, to_arrays
 from .crowding import crowding
 from .draws import ChosenThenGuided, Draw, guided_throughout
 from .options import FleetFieldOptions
-from .paths import DIM, exact_path
+from .paths import DIM, exact_path, to_modes
 from .plan import Plan, finished, robot_names, with_draws
+from .planner import routes
 from .requirements import Crowding, fleet_guidance
 from .verdict import Verdict, judge
 
 STEPS = 100
 GUARD = StepGuard(halvings=2)
 ANEW = 4  # every so many draws, all robots draw new paths
+HANDICAP = 60.0  # of a robot's route, in V over the square of its buffer
+NEVER = 1e9  # handicap of what is not chosen
 MAX_COORDINATE = 1e4  # map units; states beyond have diverged, and are not stored in files
 
 
@@ -52,16 +55,26 @@ class Batch(NamedTuple):
     records: list[GenerationRecord | None]
 
 
-class Kept(NamedTuple):
-    """Paths that robots keep from one draw of a plan to the next.
+class Starts(NamedTuple):
+    """What the robots of some plans begin with besides paths of the field; as of `Draw`.
 
     Attributes:
-        z: States.
-        keeps: Which robots do.
+        kept: States.
+        keeps: Which robots keep theirs.
+        route: A short way of each robot.
+        handicap: Of this way, in V over the square of its buffer.
     """
 
-    z: Float[np.ndarray, "plans agents dim"]
+    kept: Float[np.ndarray, "plans agents dim"]
     keeps: Bool[np.ndarray, "plans agents"]
+    route: Float[np.ndarray, "plans agents dim"]
+    handicap: Float[np.ndarray, "plans agents"]
+
+    @classmethod
+    def none(cls, plans: int, agents: int) -> "Starts":
+        """Nothing: robots keep no path, and no route is chosen."""
+        z, false = np.zeros((plans, agents, DIM), np.float32), np.zeros((plans, agents), bool)
+        return cls(z, false, z, np.full((plans, agents), NEVER, np.float32))
 
 
 def initial_noise(
@@ -116,17 +129,17 @@ class FleetGenerator:
         self,
         noise: Float[np.ndarray, "plans candidates agents dim"],
         conditions: Sequence[FleetCondition],
-        kept: Kept | None = None,
+        starts: Starts | None = None,
     ) -> Batch:
-        """One draw of each condition from given z(0), with paths that some robots keep."""
+        """One draw of each condition from given z(0), and from other paths where there are any."""
         z = np.zeros((len(conditions), *noise.shape[2:]), np.float32)
         records: list[GenerationRecord | None] = [None] * len(conditions)
-        kept = Kept(z.copy(), np.zeros(z.shape[:2], bool)) if kept is None else kept
+        starts = Starts.none(*z.shape[:2]) if starts is None else starts
         of = crowding(conditions)
         guidance: AbstractGuidance = fleet_guidance(of) if self.guided else NoGuidance()
         sizes = padding(conditions)._replace(agents=noise.shape[2])
-        rows: Any = kept
-        draw = Draw(to_arrays(conditions, sizes), rows.z, rows.keeps)
+        rows: Any = starts
+        draw = Draw(to_arrays(conditions, sizes), *rows)
         generation = self._sampler(of).draw(guidance, noise, draw)
         z[:] = generation.z
         if self.guided:
@@ -147,6 +160,10 @@ class FleetGenerator:
     ) -> list[Plan]:
         """Plans with certificates. Where a draw fails, robots that miss a requirement draw again, the others keep their paths.
 
+        Robots begin with one of the field's nominal paths, or, if all of these are far from satisfying the robot's own
+        requirements, with a short way on a roadmap of its own: on a floor unlike those that the field was trained on, it
+        may know none. Every other draw, robots that draw again begin with such a way in any case.
+
         Args:
             conditions: What to generate.
             seed: With a plan's number and the number of the draw, decides z(0).
@@ -155,17 +172,18 @@ class FleetGenerator:
             on_draw: Told of every draw, refused ones too: the plan's number in the run, and the plan as drawn.
         """
         agents = padding(conditions).agents
-        states = np.zeros((len(conditions), agents, DIM), np.float32)
-        keeps = np.zeros((len(conditions), agents), bool)
+        starts = Starts.none(len(conditions), agents)
 
         def attempt(index: Sequence[int], number: int) -> list[Candidate[Plan]]:
             rows = np.array(index)
             subset, numbers = [conditions[k] for k in index], rows + first
             noise = initial_noise(seed, numbers, number, agents, self.candidates)
             if number % ANEW == 0:
-                keeps[rows] = False
-            batch = self.batch(noise, subset, Kept(states[rows], keeps[rows]))
-            states[rows], keeps[rows] = batch.z, _unblocked(batch, agents)
+                starts.keeps[rows] = False
+            if self.chooses:
+                self._set_routes(starts, index, subset, (seed, first, number))
+            batch = self.batch(noise, subset, Starts(*(each[rows] for each in starts)))
+            starts.kept[rows], starts.keeps[rows] = batch.z, _unblocked(batch, agents)
             plans = _certified(batch, subset, seed)
             for one, plan in zip(numbers, plans, strict=True):
                 on_draw(int(one), with_draws(plan, number + 1))
@@ -175,6 +193,23 @@ class FleetGenerator:
             ]
 
         return finished(redraw_until_satisfied(attempt, len(conditions), max_draws))
+
+    def _set_routes(
+        self,
+        starts: Starts,
+        index: Sequence[int],
+        conditions: Sequence[FleetCondition],
+        seeds: tuple[int, int, int],
+    ) -> None:
+        """Sets the routes of robots that keep no path; every other draw they take them whatever they cost."""
+        seed, first, number = seeds
+        for k, condition in zip(index, conditions, strict=True):
+            robots = np.flatnonzero(~starts.keeps[k, : len(condition.robots)])
+            if not len(robots) or not condition.floor.obstacles:
+                continue
+            rng = np.random.default_rng([seed, first + k, number])
+            starts.route[k, robots] = to_modes(routes(condition, robots.tolist(), rng))
+            starts.handicap[k, robots] = -NEVER if number % 2 else HANDICAP
 
 
 def _unblocked(batch: Batch, agents: int) -> Bool[np.ndarray, "plans agents"]:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 BOUNDS = (-1.0, -1.0, 1.0, 1.0)
+RADIUS = 0.05  # map units, of robots
 
 Box = tuple[float, float, float, float]
 Disc = tuple[float, float, float]
@@ -31,6 +32,11 @@ class FloorMap:
     boxes: tuple[Box, ...] = ()
     discs: tuple[Disc, ...] = ()
     polygons: tuple[Corners, ...] = ()
+
+    @property
+    def obstacles(self) -> int:
+        """Number of obstacles of all kinds."""
+        return len(self.boxes) + len(self.discs) + len(self.polygons)
 
     def to_json(self) -> dict[str, Any]:
         """The JSON object of a map without a name; kinds that it does not have are left out."""

@@ -84,10 +84,16 @@ def choose(
     return jax.lax.fori_loop(0, (SWEEPS + 1) * agents, respond, none)[0]
 
 
-def best_response(candidates: Candidates, condition: FleetArrays, crowding: Crowding) -> States:
-    """One path of each robot, out of its candidates.
+def best_response(
+    candidates: Candidates,
+    condition: FleetArrays,
+    crowding: Crowding,
+    handicaps: Float[Array, "candidates agents"],
+) -> States:
+    """One path of each robot, out of its candidates, whose own costs have a handicap each.
 
     A robot must know the present choice of every other robot, and its own candidates.
     """
-    chosen = choose(own_costs(candidates, condition, crowding), pair_costs(candidates, condition))
+    own = own_costs(candidates, condition, crowding) + handicaps.T
+    chosen = choose(own, pair_costs(candidates, condition))
     return jnp.take_along_axis(candidates, chosen[None, :, None], axis=0)[0]

@@ -4,6 +4,7 @@ Skills after MMD: straight on the empty map; through the upper corridor of the c
 to the right; counter-clockwise on highways; by way of a waiting point on drop_region; elsewhere short ways.
 """
 
+from collections.abc import Sequence
 from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple
@@ -72,7 +73,7 @@ def roadmap(condition: FleetCondition, rng: np.random.Generator) -> Roadmap:
     """The roadmap of a condition's map; that of a named map is always the same."""
     if isinstance(condition.map, str):
         return _named_roadmap(condition.map)
-    return make_roadmap(condition.floor, rng, ROUTES)
+    return make_roadmap(condition.floor, rng, ROUTES, radius=condition.radius)
 
 
 def _stops(name: str, start: Point, goal: Point, rng: np.random.Generator) -> list[Point]:
@@ -198,6 +199,16 @@ def candidates(
     cost = np.minimum(2 * excess, 2.0) + rng.gumbel(scale=0.3, size=excess.shape)
     cost[:, ::SHAPES] -= 0.3  # the plain shape of a route
     return paths, cost, clear & (step <= condition.speed_limit)
+
+
+def routes(
+    condition: FleetCondition, robots: Sequence[int], rng: np.random.Generator
+) -> Float[np.ndarray, "routes 64 2"]:
+    """A short way of each of some robots around the obstacles, at an even pace, without a view to other robots."""
+    roads = roadmap(condition, rng)
+    ways = [_way(roads, "", condition.starts[k], condition.goals[k], rng).points for k in robots]
+    pace = np.tile(np.linspace(0.0, 1.0, WAYPOINTS), (len(ways), 1))
+    return _timed(np.array(ways), pace)
 
 
 def demonstrate(condition: FleetCondition, rng: np.random.Generator) -> Team:

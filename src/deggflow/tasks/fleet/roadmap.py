@@ -3,17 +3,20 @@
 from typing import NamedTuple
 
 import numpy as np
+import shapely
 from jaxtyping import Float, Int
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from .clearance import clearance, straight, within
-from .maps import FloorMap
+from .maps import RADIUS, FloorMap
 
-MARGIN = 0.068  # map units, from obstacles along a way: radius and some room
-_CORNER = 0.08  # distance of roadmap points from the sides of a box
+# Distances in map units, beyond the robots' radius:
+_ROOM = 0.018  # from obstacles along a way
+_CORNER = 0.03  # of roadmap points from the sides of a box
+_EDGE = 0.02  # of roadmap points from the bounds
 _SIDES = 8  # of the polygon around a disc
-_EDGE = 0.07  # least distance from the bounds
+_WORK = 40_000_000  # pairs of points times obstacles: large floors get fewer points
 _SCATTERED = 40  # random points, so that ways differ
 _NOISE = 0.25  # standard deviation of log weights of moves
 BACKWARDS = 8.0  # weight of moves against a one-way ring, as on highways
@@ -30,6 +33,7 @@ class Roadmap(NamedTuple):
         length: Weighted length of the shortest way from point to point.
         before: The last point before the second one on it.
         one_way: Whether ways lead counter-clockwise round the origin.
+        radius: Of the robots.
     """
 
     floor: FloorMap
@@ -37,12 +41,13 @@ class Roadmap(NamedTuple):
     length: Float[np.ndarray, "variants points points"]
     before: Int[np.ndarray, "variants points points"]
     one_way: bool
+    radius: float
 
     def weight(
         self, start: Float[np.ndarray, "... 2"], end: Float[np.ndarray, "... 2"]
     ) -> Float[np.ndarray, "..."]:
         """Weighted length of straight moves; infinite where they are blocked."""
-        return _weight(self.floor, start, end, self.one_way)
+        return _weight(self.floor, start, end, self.one_way, self.radius)
 
     def way(
         self, variant: int, start: Float[np.ndarray, " 2"], goal: Float[np.ndarray, " 2"]
@@ -67,55 +72,69 @@ def _weight(
     start: Float[np.ndarray, "... 2"],
     end: Float[np.ndarray, "... 2"],
     one_way: bool,
+    radius: float,
 ) -> Float[np.ndarray, "..."]:
     length = np.linalg.norm(end - start, axis=-1)
     if one_way:
         turn = start[..., 0] * end[..., 1] - start[..., 1] * end[..., 0]
         length = length * np.where(turn < 0, BACKWARDS, 1.0)
-    return np.where(straight(floor, start, end, MARGIN), length, np.inf)
+    return np.where(straight(floor, start, end, radius + _ROOM), length, np.inf)
 
 
-def _points(floor: FloorMap, rng: np.random.Generator) -> Points:
+def _points(floor: FloorMap, rng: np.random.Generator, radius: float) -> Points:
+    away = radius + _CORNER
     corners = np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]])
     angle = 2 * np.pi * np.arange(_SIDES) / _SIDES
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     around = [
-        np.array([x, y]) + corners * (np.array([w, h]) / 2 + _CORNER) for x, y, w, h in floor.boxes
+        np.array([x, y]) + corners * (np.array([w, h]) / 2 + away) for x, y, w, h in floor.boxes
     ]
     around += [
-        np.array([x, y]) + circle * (r + _CORNER) / np.cos(np.pi / _SIDES)
-        for x, y, r in floor.discs
+        np.array([x, y]) + circle * (r + away) / np.cos(np.pi / _SIDES) for x, y, r in floor.discs
+    ]
+    around += [
+        shapely.get_coordinates(shapely.Polygon(corners).buffer(away, quad_segs=2).exterior)
+        for corners in floor.polygons
     ]
     low, high = np.reshape(floor.bounds, (2, 2))
     points = np.concatenate([*around, rng.uniform(low, high, (_SCATTERED, 2))])
-    free = clearance(floor, points) >= MARGIN
-    return points[free & within(floor, points, _EDGE)]
+    free = clearance(floor, points) >= radius + _ROOM
+    points = points[free & within(floor, points, radius + _EDGE)]
+    most = int(np.sqrt(_WORK / floor.obstacles))
+    return points if len(points) <= most else rng.choice(points, most, replace=False)
 
 
 def make_roadmap(
-    floor: FloorMap, rng: np.random.Generator, variants: int, *, one_way: bool = False
+    floor: FloorMap,
+    rng: np.random.Generator,
+    variants: int,
+    *,
+    one_way: bool = False,
+    radius: float = RADIUS,
 ) -> Roadmap:
-    """The roadmap of a map of boxes and discs.
+    """The roadmap of a map.
 
     Args:
         floor: The map.
         rng: Draws points and weights.
         variants: How many weightings of the moves; each has shortest ways of its own.
         one_way: Whether ways lead counter-clockwise round the origin where they can.
+        radius: Of the robots.
     """
-    points = _points(floor, rng) if floor.boxes or floor.discs else np.zeros((0, 2))
+    points = _points(floor, rng, radius) if floor.obstacles else np.zeros((0, 2))
     count = len(points)
-    weight = _weight(floor, points[:, None], points[None, :], one_way)
+    weight = _weight(floor, points[:, None], points[None, :], one_way, radius)
     lengths, predecessors = (
         np.zeros((variants, count, count)),
         np.zeros((variants, count, count), int),
     )
+    roads = Roadmap(floor, points, lengths, predecessors, one_way, radius)
     if not count:
-        return Roadmap(floor, points, lengths, predecessors, one_way)
+        return roads
     tail, head = np.nonzero(np.isfinite(weight) & ~np.eye(count, dtype=bool))
     for k in range(variants):
         of_point = np.exp(_NOISE * rng.normal(size=count))  # moves share the weights of their ends
         value = weight[tail, head] * np.sqrt(of_point[tail] * of_point[head])
         graph = csr_array((value, (tail, head)), shape=(count, count))
         lengths[k], predecessors[k] = dijkstra(graph, return_predecessors=True)
-    return Roadmap(floor, points, lengths, predecessors, one_way)
+    return roads
