@@ -10,6 +10,7 @@ import numpy as np
 import torch
 
 BUFFER = 0.02  # m, delta of the hinge
+CAUGHT = 0.03  # m, of the weight of V of a caught obstacle
 DIAGONAL = 0.5**0.5
 ANGLE_SCALE = 1.35  # rad per unit of z
 RHO, KAPPA = 0.75, 1.15
@@ -33,6 +34,7 @@ class Scenes(NamedTuple):
 
     objects: Parts
     regions: Parts  # to be kept free
+    strips: Parts  # from each region's owner outward over all of its regions
     half: torch.Tensor  # m, (scenes, 2): half the table
 
 
@@ -59,7 +61,8 @@ def scenes_of(condition) -> Scenes:
         return Parts(*fields[:-1], fields[-1].long())
 
     half = torch.stack([tensor(condition.half_width), tensor(condition.half_depth)], dim=-1)
-    return Scenes(parts(condition.primitives), parts(condition.regions), half)
+    named = condition.primitives, condition.regions, condition.strips
+    return Scenes(*(parts(each) for each in named), half)
 
 
 def place(parts: Parts, z: torch.Tensor, half: torch.Tensor) -> Placed:
@@ -137,6 +140,28 @@ def between_boxes(a: Placed, b: Placed) -> torch.Tensor:
     return torch.where(dot_b, near_a / 4, near) / 2 + torch.where(dot_a & dot_b, 0.0, along)
 
 
+def caught(strip: Placed, box: Placed, blocked: torch.Tensor) -> torch.Tensor:
+    """V of a box between an object and its regions: off their strip at its end or to one side, whichever is nearer."""
+    dx, dy = box.x - strip.x, box.y - strip.y
+    u, v = strip.cos * dx + strip.sin * dy, strip.cos * dy - strip.sin * dx
+    reach = strip.radius + box.radius + BUFFER
+    cos, sin = strip.cos * box.cos + strip.sin * box.sin, strip.cos * box.sin - strip.sin * box.cos
+    beyond, aside = 0.0, 0.0
+    for x, y in corners(box, cos, sin):
+        beyond = beyond + hinge(reach - u - x)
+        aside = aside + hinge(reach + strip.half_y - v.abs() - y)
+    return blocked / (blocked + CAUGHT**2) * torch.minimum(beyond, aside) / 8
+
+
+def outward(parts: Parts, placed: Placed) -> Placed:
+    """Heading from the owner to the strip's middle."""
+    away = torch.where(parts.valid, (parts.x**2 + parts.y**2).sqrt(), 1.0)
+    cos, sin = parts.x / away, parts.y / away
+    return placed._replace(
+        cos=placed.cos * cos - placed.sin * sin, sin=placed.sin * cos + placed.cos * sin
+    )
+
+
 def at_walls(box: Placed, half: torch.Tensor) -> torch.Tensor:
     """V of parts at the table's edges, of shape (scenes, parts)."""
     total = 0.0
@@ -152,6 +177,8 @@ def violations(z: torch.Tensor, scenes: Scenes) -> torch.Tensor:
     boxes, disks = place(objects, z, scenes.half), place(regions, z, scenes.half)
     disk, box = pairs(disks, boxes)
     free = hinge(BUFFER + disk.radius - point_distance(disk, box)) / 2
+    strips = outward(scenes.strips, place(scenes.strips, z, scenes.half))
+    free = free + caught(pairs(strips, boxes)[0], box, free)
     amounts = 0.0
     for parts, between, walls in (
         (objects, between_boxes(*pairs(boxes, boxes)), at_walls(boxes, scenes.half)),

@@ -263,13 +263,13 @@ def test_a_trace_is_kept_with_every_requirement(inside, tmp_path):
 
 def test_evaluations_and_phase_of_a_run_are_those_it_was_begun_with(inside, tmp_path):
     """They are needed to draw its scenes with their nominal twins, too."""
-    arguments = ("--size", 4, "--evaluations", 6, "--guidance-phase", "after")
+    arguments = ("--size", 4, "--evaluations", 6, "--guidance-phase", "during")
     made = inside("tabletop", "generate", *arguments, "--out", "s.jsonl")
     assert made.returncode == 0, made.stderr
     assert inside("tabletop", "certify", "s.jsonl").returncode == 0
     other = inside("tabletop", "generate", *arguments[:4], "--out", "s.jsonl")
     assert other.returncode == 2
-    assert "begun with guidance_phase = after, not during" in other.stderr
+    assert "begun with guidance_phase = during, not after" in other.stderr
     render = (
         "tabletop",
         "render",

@@ -28,7 +28,7 @@ from deggflow.tasks.tabletop.changes import random_conditions
 from deggflow.tasks.tabletop.condition import SceneCondition
 from deggflow.tasks.tabletop.deviation import SceneDeviation, TheoremDeviation
 from deggflow.tasks.tabletop.field import build_field
-from deggflow.tasks.tabletop.generator import TabletopGenerator, initial_noise
+from deggflow.tasks.tabletop.generator import TabletopGenerator, default_drift, initial_noise
 from deggflow.tasks.tabletop.recorded import recorded_violation
 from deggflow.tasks.tabletop.requirements import tabletop_guidance
 from deggflow.tasks.tabletop.verdict import BUFFER, Breach, Kind, judge
@@ -46,7 +46,8 @@ def field():
 
 @pytest.fixture(scope="module")
 def generators(field):
-    guided = TabletopGenerator(field, tabletop_guidance(), steps=STEPS, guard=None)
+    drift = default_drift(STEPS, "during")
+    guided = TabletopGenerator(field, tabletop_guidance(), steps=STEPS, drift=drift, guard=None)
     return TabletopGenerator(field, steps=STEPS), guided
 
 

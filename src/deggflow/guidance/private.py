@@ -214,6 +214,8 @@ class PrivateRequirement(AbstractRequirement):
         parts, gradient = margins.violation_and_gradient(z, condition, self.buffer)
         parts = parts.astype(z.dtype)
         total = jnp.sum(parts)
+        # Where the bound starts, it is this value: another program may have rounded it apart.
+        state = state._replace(anchor=jnp.where(tau == state.since, total, state.anchor))
         if self.reanchored:
             whole = parts if self.per_owner_gain else total
             gain = self._gain(whole, jnp.maximum(self.omega.remaining(tau), MIN_REMAINING))

@@ -272,6 +272,9 @@ def test_guidance_after_a_prediction_moves_scenes_less(field):
     path = late.path(noise[0], wanted[0])
     assert np.abs(path[0] - nominal.poses[0]).max() < 1e-5
     assert TabletopGenerator(field, drift=late.drift).drift == prediction
+    assert TabletopGenerator(field, late.guidance).drift == AfterPrediction(
+        ExtrapolatedEndpoint(16)
+    )
 
 
 def test_few_evaluations_of_the_field_suffice(field):

@@ -14,7 +14,7 @@ from deggflow import generate
 from deggflow.tasks.tabletop.codec import ANGLE_SCALE
 from deggflow.tasks.tabletop.condition import SceneCondition, take, to_arrays
 from deggflow.tasks.tabletop.geometry import RoundedBox
-from deggflow.tasks.tabletop.hinges import DIAGONAL, box_violation, wall_violation
+from deggflow.tasks.tabletop.hinges import DIAGONAL, box_violation, caught_violation, wall_violation
 from deggflow.tasks.tabletop.library import object_type
 from deggflow.tasks.tabletop.requirements import tabletop_guidance
 
@@ -145,6 +145,38 @@ def test_v_rises_above_its_tangent_no_faster_than_the_geometric_bound(size):
     bound = 8 * (speed**2 + 2 * hinge * turn.sum(axis=1) * speed)
     assert np.all(rise <= bound + 1e-15)
     assert np.max(rise / bound) > 0.005  # not a bound on nothing
+
+
+@pytest.mark.parametrize("blocked", [1e-5, 1e-2])
+def test_v_of_what_is_caught_has_concave_kinks_alone(blocked):
+    """It rises above its tangent by at most (sigma^2 + 2 h t sigma) / 2, sigma and h as of two boxes."""
+
+    @jax.jit
+    @jax.vmap
+    def both(motion, strip, obstacle):
+        def value(motion):
+            placed_strip = placed(jnp.concatenate([strip[:3] + motion[0], strip[3:]]))
+            box = placed(jnp.concatenate([obstacle[:3] + motion[1], obstacle[3:]]))
+            return caught_violation(placed_strip, box, jnp.asarray(blocked), BUFFER)
+
+        return value(motion), jax.value_and_grad(value)(jnp.zeros((2, 3)))
+
+    strips, obstacles = random_pairs(5)
+    motion = motions(np.random.default_rng(6), 3e-3)
+    with jax.enable_x64(True):
+        moved, (value, slope) = jax.tree.map(np.asarray, both(motion, strips, obstacles))
+    rise = moved - value - np.sum(slope * motion, axis=(1, 2))
+    extent = strips[:, 4], np.hypot(obstacles[:, 3], obstacles[:, 4])
+    shift, turn = np.hypot(motion[..., 0], motion[..., 1]).sum(axis=1), np.abs(motion[..., 2])
+    away = np.hypot(*(strips - obstacles)[:, :2].T) + shift + extent[1]
+    speed, hinge = (
+        shift + away * turn.sum(axis=1),
+        away + sum(extent) + strips[:, 5] + obstacles[:, 5],
+    )
+    bound = (speed**2 + 2 * (hinge + BUFFER) * turn.sum(axis=1) * speed) / 2
+    assert np.all(rise <= bound + 1e-15)
+    assert np.max(rise / bound) > 0.005
+    assert np.mean(value > 0) > 0.3
 
 
 def test_v_at_a_wall_is_at_least_its_margins_and_smooth_where_faces_are_parallel():

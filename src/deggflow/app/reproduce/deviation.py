@@ -8,7 +8,7 @@ from typing import Any
 from deggflow.tasks.tabletop.changes import random_conditions
 from deggflow.tasks.tabletop.deviation import PATHS, deviation_of_scenes, deviation_of_theorem
 from deggflow.tasks.tabletop.field import load_field
-from deggflow.tasks.tabletop.generator import TabletopGenerator
+from deggflow.tasks.tabletop.generator import TabletopGenerator, default_drift
 from deggflow.tasks.tabletop.requirements import OWN, tabletop_guidance
 
 from .deviation_section import KINDS, section_of
@@ -52,11 +52,15 @@ def _measure(
 ) -> dict[str, Any]:
     field, seed = load_field(), settings.seed
     nominal = TabletopGenerator(field)
-    guided = TabletopGenerator(field, tabletop_guidance())
+    drift = default_drift(
+        phase="during"
+    )  # the paper's: its theorem is of the guided path from z(0)
+    guided = TabletopGenerator(field, tabletop_guidance(), drift=drift)
     conditions = random_conditions(size, max(scenes, MANY), FAMILY, seed)
     samples = {"scenes": (guided, conditions[:scenes])}
     if not settings.quick:
-        papers = TabletopGenerator(field, tabletop_guidance(OWN, reanchored=False), guard=None)
+        own = tabletop_guidance(OWN, reanchored=False)
+        papers = TabletopGenerator(field, own, drift=drift, guard=None)
         samples["many"] = guided, conditions[:MANY]
         samples["own"] = papers, conditions[:MANY]
         samples["same"] = guided, conditions[:1] * scenes

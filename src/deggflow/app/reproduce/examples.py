@@ -9,7 +9,7 @@ import numpy as np
 from deggflow.tasks.tabletop.condition import Affordance, SceneCondition
 from deggflow.tasks.tabletop.field import load_field
 from deggflow.tasks.tabletop.formats import parse_condition
-from deggflow.tasks.tabletop.generator import TabletopGenerator
+from deggflow.tasks.tabletop.generator import TabletopGenerator, default_drift
 from deggflow.tasks.tabletop.requirements import tabletop_guidance
 from deggflow.tasks.tabletop.verdict import BUFFER, Breach, Kind, Poses, Verdict, judge
 from deggflow.view.evolution import LEAST, ViolationCurves, draw_violations
@@ -46,7 +46,7 @@ class LeftHanded:
     def measure(self, settings: Settings, say: Progress) -> Mapping[str, Any]:
         """The first case of the seed in which the nominal scene fails only for the other hand."""
         field = load_field()
-        guided = TabletopGenerator(field, tabletop_guidance())
+        guided = TabletopGenerator(field, tabletop_guidance(), drift=default_drift(phase="during"))
         pair = first_pair(TabletopGenerator(field), guided, 7, settings.seed, _other_hand, say)
         return {
             "seed": settings.seed,
@@ -100,7 +100,7 @@ class Rescue:
     def measure(self, settings: Settings, say: Progress) -> Mapping[str, Any]:
         """The first case of the seed whose nominal scene violates several default requirements."""
         field = load_field()
-        guided = TabletopGenerator(field, tabletop_guidance())
+        guided = TabletopGenerator(field, tabletop_guidance(), drift=default_drift(phase="during"))
         pair = first_pair(TabletopGenerator(field), guided, 8, settings.seed, _several, say)
         return {
             "seed": settings.seed,

@@ -62,6 +62,15 @@ def place(parts: Parts, pose: Pose) -> RoundedBox:
     return in_frames(parts, x, y, cos, sin)
 
 
+def place_outward(parts: Any, placed: RoundedBox) -> RoundedBox:
+    """The same boxes, heading from their owners' origins to their centres."""
+    length = jnp.sqrt(jnp.where(parts.valid, parts.x**2 + parts.y**2, 1.0))
+    cos, sin = parts.x / length, parts.y / length
+    return placed._replace(
+        cos=placed.cos * cos - placed.sin * sin, sin=placed.sin * cos + placed.cos * sin
+    )
+
+
 def in_frames(
     parts: Any,
     x: Float[Array, "..."],

@@ -1,5 +1,6 @@
 """Conditions of tabletop scenes, and the padded arrays that compiled programs read."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, NamedTuple
@@ -104,6 +105,7 @@ class TabletopCondition(NamedTuple):
     kind: Int[Array, " agents"]
     primitives: Parts
     regions: Parts  # as required by the user
+    strips: Parts  # of each region: the row of its owner's regions, `half_y` to either side of the way outward
     access: (
         Parts  # default regions of each object merged into one capsule: what the trained field sees
     )
@@ -168,6 +170,14 @@ def region_rows(kind: ObjectType, need: Affordance) -> list[PartRow]:
     return rows
 
 
+def strip_rows(kind: ObjectType, need: Affordance) -> list[PartRow]:
+    """For each region, the row of all of the object's: its centre, and how far other centres are to either side of it."""
+    rows = region_rows(kind, need)
+    x, y = (sum(row[k] for row in rows) / len(rows) for k in (0, 1))
+    half = max(math.hypot(row[0] - x, row[1] - y) for row in rows)
+    return [(x, y, 0.0, half, row[-1]) for row in rows]
+
+
 def access_rows(kind: ObjectType) -> list[PartRow]:
     """An object's default regions merged into one capsule."""
     xs = [region.x for region in kind.regions]
@@ -182,7 +192,8 @@ def to_arrays(conditions: Sequence[SceneCondition], agents: int | None = None) -
     mask, kind = np.zeros((count, size), bool), np.zeros((count, size), np.int32)
     mass, balance = np.zeros((count, size), np.float32), np.zeros((count, 3), np.float32)
     primitives = _PartRows(count, size, EXTRA_PRIMITIVES)
-    regions, access = _PartRows(count, size, EXTRA_REGIONS), _PartRows(count, size, 0)
+    regions, strips = (_PartRows(count, size, EXTRA_REGIONS) for _ in range(2))
+    access = _PartRows(count, size, 0)
     for s, condition in enumerate(conditions):
         circle = condition.balance
         balance[s] = EVERYWHERE if circle is None else (circle.x, circle.y, circle.radius)
@@ -191,9 +202,10 @@ def to_arrays(conditions: Sequence[SceneCondition], agents: int | None = None) -
             mass[s, i] = object_type(name).mass
             primitives.add(s, i, primitive_rows(object_type(name)))
             regions.add(s, i, region_rows(object_type(name), condition.affordance(name)))
+            strips.add(s, i, strip_rows(object_type(name), condition.affordance(name)))
             access.add(s, i, access_rows(object_type(name)))
     half = np.array([[c.width, c.depth] for c in conditions], np.float32) / 2
-    parts = (primitives.stack(), regions.stack(), access.stack())
+    parts = (one.stack() for one in (primitives, regions, strips, access))
     leaves: Any = (mask, kind, *parts, half[:, 0], half[:, 1], mass, balance)
     return TabletopCondition(*leaves)
 

@@ -19,11 +19,13 @@ from deggflow.redraw import Candidate, redraw_until_satisfied
 from deggflow.sampler import Sampler, masked_sample, numbered_noise
 from deggflow.step_guard import StepGuard
 from deggflow.task import FieldOptions
+from deggflow.task.options import Phase
 from deggflow.trace import Summary, Trace
 
 from .codec import decode_exactly
 from .condition import SceneCondition, TabletopCondition, padded_size, take, to_arrays
 from .library import MAX_OBJECTS
+from .options import TabletopFieldOptions
 from .requirements import with_balance
 from .scene import Scene, finished, with_draws
 from .settled import judge_generated
@@ -41,9 +43,11 @@ def few_evaluations(options: FieldOptions) -> AbstractDrift:
     return AfterPrediction(drift) if options.guidance_phase == "after" else drift
 
 
-def default_drift(steps: int) -> AbstractDrift:
+def default_drift(
+    steps: int = DEFAULT_STEPS, phase: Phase = TabletopFieldOptions.guidance_phase
+) -> AbstractDrift:
     """That of the commands, with at most as many evaluations as steps."""
-    return few_evaluations(FieldOptions(min(FieldOptions.evaluations, steps)))
+    return few_evaluations(TabletopFieldOptions(min(FieldOptions.evaluations, steps), phase))
 
 
 class Batch(NamedTuple):
@@ -86,7 +90,7 @@ class TabletopGenerator:
             guidance: `NoGuidance()` if None.
             steps: Of `refined_grid`.
             power: Of `refined_grid`.
-            drift: How often the field is evaluated, as of `generate`; 16 times if None.
+            drift: How often the field is evaluated, as of `generate`; if None, 16 times, before guidance acts.
             guard: Of guided steps; None: fixed steps.
         """
         self.field, self.steps, self.power = field, steps, power

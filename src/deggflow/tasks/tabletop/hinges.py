@@ -4,6 +4,8 @@ The distance of two boxes is a least one over vertices, and half the square of i
 vertices are as near, as between parallel faces: descent slides along it, and V rises along a feasible trajectory. Here
 the squares of all vertices' hinges are summed. The kinks that remain are concave, from least values of several smooth
 functions: at these the slope of either serves (docs/theory.md, section 2).
+
+An obstacle between an object and its regions is pushed to and fro by these sums and stays. `caught_violation` leads it out.
 """
 
 from collections.abc import Iterator
@@ -14,6 +16,7 @@ from jaxtyping import Array, Bool, Float
 from .geometry import RoundedBox, in_frame, larger, size, smaller
 
 TOUCHING = 1e-12  # m^2, floor of squared distances: the slope of a root has no bound at zero
+CAUGHT = 0.03  # m, of which the squared hinge at a region is a half where V of a caught obstacle has half its weight
 DIAGONAL = (
     0.5**0.5
 )  # a gap along the best of two boxes' axes is at least that part of their distance
@@ -93,3 +96,28 @@ def wall_violation(
 def hinge_violation(margin: Float[Array, "..."], buffer: float) -> Float[Array, "..."]:
     """V of a margin without convex kinks, in m^2, such as a point's: max(buffer - margin, 0)^2 / 2."""
     return _square(buffer - margin) / 2
+
+
+def caught_violation(
+    strip: RoundedBox, obstacle: RoundedBox, blocked: Float[Array, "..."], buffer: float
+) -> Float[Array, "..."]:
+    """V of an obstacle on the strip from an object out over its regions, in m^2: zero where `blocked` is zero.
+
+    It falls as the obstacle moves off the strip, to either side or beyond its end, whichever is nearest; that of a region
+    alone may push it back to the object.
+
+    Args:
+        strip: Centre of the row of regions, heading outward, `half_y` of the row to either side and the regions' radius.
+        obstacle: Any rounded box.
+        blocked: V of a region of the strip for this obstacle, in m^2.
+        buffer: Of the margins, in m.
+    """
+    u, v = in_frame(strip, obstacle.x, obstacle.y)
+    cos = strip.cos * obstacle.cos + strip.sin * obstacle.sin
+    sin = strip.cos * obstacle.sin - strip.sin * obstacle.cos
+    reach = strip.radius + obstacle.radius + buffer
+    beyond, aside = jnp.zeros(()), jnp.zeros(())
+    for x, y in _vertices(obstacle, cos, sin):
+        beyond += _square(reach - u - x)
+        aside += _square(strip.half_y + reach - size(v) - y)
+    return blocked / (blocked + CAUGHT**2) * smaller(beyond, aside) / 8

@@ -18,10 +18,10 @@ from jaxtyping import Array, Bool, Float, Int
 from deggflow.guidance import AbstractMargins
 from deggflow.shapes import Scalar
 
-from .codec import decode, place
+from .codec import decode, place, place_outward
 from .condition import Parts, TabletopCondition
 from .geometry import RoundedBox, box_distance, point_distance, wall_margins
-from .hinges import box_violation, hinge_violation, wall_violation
+from .hinges import box_violation, caught_violation, hinge_violation, wall_violation
 from .pairs import Pairs, between, pick, total, within
 
 ABSENT = 1e3  # m, margin of a requirement that does not exist (padding, an object with itself)
@@ -166,6 +166,9 @@ class TabletopMargins(AbstractMargins):
         between = jnp.where(_between_owners(bodies, bodies, apart), between, 0.0)
         free = hinge_violation(_free(required, placed, around), buffer)
         free = jnp.where(_between_owners(regions, bodies, around), free, 0.0)
+        strips = place_outward(condition.strips, place(condition.strips, pose))
+        strip, obstacle = _picked(around.first, strips), _picked(around.second, placed)
+        free += caught_violation(strip, obstacle, free, buffer)
         of_primitives = jnp.where(bodies.valid, wall_violation(placed, *half, buffer), 0.0)
         of_regions = jnp.where(regions.valid, wall_violation(required, *half, buffer), 0.0)
         size = len(of_primitives)

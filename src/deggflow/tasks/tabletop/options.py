@@ -11,6 +11,17 @@ Family = Literal["default", "changed", "opposite", "side", "larger", "combined",
 
 
 @dataclass(frozen=True)
+class TabletopFieldOptions(options.FieldOptions):
+    """How often the field is evaluated, and when guidance acts.
+
+    Attributes:
+        guidance_phase: after: guidance acts on the nominal scene; during: throughout the generation, as in the paper.
+    """
+
+    guidance_phase: options.Phase = "after"
+
+
+@dataclass(frozen=True)
 class SceneRecipe(options.Recipe):
     """Which training scenes are made.
 
@@ -49,7 +60,7 @@ class TabletopTrain(options.TrainOptions):
 
 
 @dataclass(frozen=True)
-class TabletopGenerate(options.ProcessOptions):
+class TabletopGenerate(TabletopFieldOptions, options.ProcessOptions):
     """Which scenes are generated, and how.
 
     Attributes:
@@ -77,7 +88,7 @@ class TabletopGenerate(options.ProcessOptions):
 
 
 @dataclass(frozen=True)
-class TabletopEvaluate(options.EvaluateOptions):
+class TabletopEvaluate(TabletopFieldOptions, options.EvaluateOptions):
     """What is measured.
 
     Attributes:
@@ -99,7 +110,7 @@ class TabletopEvaluate(options.EvaluateOptions):
 
 
 @dataclass(frozen=True)
-class TabletopRender(options.RenderOptions):
+class TabletopRender(TabletopFieldOptions, options.RenderOptions):
     """What is drawn of each scene.
 
     Attributes:

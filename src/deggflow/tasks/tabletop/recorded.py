@@ -18,6 +18,7 @@ Corners = Float[np.ndarray, "_ 2"]
 Grown = tuple[
     Corners, float
 ]  # one corner or four, counterclockwise, m; and the radius they are grown by, m
+CAUGHT = 0.03  # m, of the weight of V of a caught obstacle
 _SIGNS = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
 
 
@@ -33,7 +34,10 @@ def recorded_violation(condition: SceneCondition, poses: Poses) -> float:
         # A separation counts for both objects, an obstructed region for its owner alone.
         total += 2 * math.fsum(_between(a, b) for a in bodies[one] for b in bodies[two])
         for owner, other in ((one, two), (two, one)):
-            total += math.fsum(_blocked(a, b) for a in regions[owner] for b in bodies[other])
+            for body in bodies[other]:
+                blocked = [_blocked(region, body) for region in regions[owner]]
+                caught = _caught(regions[owner], poses[owner, :2], body) if any(blocked) else 0.0
+                total += math.fsum(v + v / (v + CAUGHT**2) * caught for v in blocked)
     return total
 
 
@@ -114,6 +118,22 @@ def _blocked(region: Grown, body: Grown) -> float:
     depth = _gaps(core, centre).max(axis=0) if len(core) > 1 else away
     distance = np.where(away > 0, away, np.minimum(depth, 0.0))
     return _hinges(BUFFER + radius + grown - distance) / 2
+
+
+def _caught(regions: list[Grown], origin: Float[np.ndarray, " 2"], body: Grown) -> float:
+    """Of a body on the strip from an object's origin over its regions: the least of its three sides' hinges."""
+    centres, core = np.concatenate([centre for centre, _ in regions]), body[0]
+    middle = centres.mean(axis=0)
+    out = (middle - origin) / np.hypot(*(middle - origin))
+    left = np.array([-out[1], out[0]])
+    reach = regions[0][1] + body[1] + BUFFER
+    edges = (
+        (out, 0.0),
+        (left, np.max((centres - middle) @ left)),
+        (-left, np.max((middle - centres) @ left)),
+    )
+    sides = (_hinges(half + reach - (core - middle) @ way) for way, half in edges)
+    return min(sides) / len(core) / 2
 
 
 def _distances(points: Corners, core: Corners) -> Float[np.ndarray, " _"]:

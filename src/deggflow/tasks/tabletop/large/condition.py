@@ -16,6 +16,7 @@ from deggflow.tasks.tabletop.condition import (
     access_rows,
     primitive_rows,
     region_rows,
+    strip_rows,
 )
 from deggflow.tasks.tabletop.geometry import RoundedBox
 from deggflow.tasks.tabletop.library import (
@@ -51,6 +52,7 @@ class LargeSceneCondition(NamedTuple):
     window: Float[Array, " 2"]  # m, half extents of a window
     bodies: LargeSceneParts
     regions: LargeSceneParts  # as required by the user
+    strips: LargeSceneParts  # of each region: the row of its owner's, as of a table
     shape: LargeSceneParts  # one box per agent: its main body, which the field sees
     access: LargeSceneParts  # one capsule per agent: its default regions, which the field sees
     half_width: Scalar  # m, of the table
@@ -148,15 +150,20 @@ def to_arrays(condition: SceneCondition, buffer: float) -> LargeSceneCondition:
     mass[: len(names)] = [one.mass for one in types]
     anchor[: len(names)] = anchors(condition)
     bodies = _parts((k, row) for k, one in enumerate(types) for row in primitive_rows(one))
-    regions = _parts(
-        (k, row)
-        for k, (name, one) in enumerate(zip(names, types, strict=True))
-        for row in region_rows(one, condition.affordance(name))
+    needs = [condition.affordance(name) for name in names]
+    regions, strips = (
+        _parts(
+            (k, row)
+            for k, (one, need) in enumerate(zip(types, needs, strict=True))
+            for row in rows(one, need)
+        )
+        for rows in (region_rows, strip_rows)
     )
     circle = condition.balance
     rest: Any = (
         bodies,
         regions,
+        strips,
         _parts(((k, primitive_rows(one)[0]) for k, one in enumerate(types)), size),
         _parts(((k, access_rows(one)[0]) for k, one in enumerate(types)), size),
         np.float32(condition.width / 2),

@@ -104,7 +104,7 @@ class LargeSceneGenerator:
         drift: AbstractDrift | None = None,
         guard: StepGuard | None = GUARD,
     ) -> None:
-        """Args: field: the tabletop's nominal field; guided: else nominal; grid: 130 steps if None; drift: of `generate`, 16 evaluations of the field if None; guard: of guided steps."""
+        """Args: field: the tabletop's nominal field; guided: else nominal; grid: 130 steps if None; drift: of `generate`, as of `TabletopGenerator` if None; guard: of guided steps."""
         self.field, self.guided = field, guided
         self.grid = refined_grid(_steps(DEFAULT_STEPS)) if grid is None else grid
         drift = default_drift(len(self.grid) - 1) if drift is None else drift

@@ -14,13 +14,19 @@ from jaxtyping import Array, Bool, Float
 from deggflow.guidance import AbstractMargins, Pairs
 from deggflow.neighbours import Neighbours, find_neighbours
 from deggflow.shapes import Scalar
+from deggflow.tasks.tabletop.codec import place_outward
 from deggflow.tasks.tabletop.geometry import (
     RoundedBox,
     box_distance,
     point_distance,
     wall_margins,
 )
-from deggflow.tasks.tabletop.hinges import box_violation, hinge_violation, wall_violation
+from deggflow.tasks.tabletop.hinges import (
+    box_violation,
+    caught_violation,
+    hinge_violation,
+    wall_violation,
+)
 from deggflow.tasks.tabletop.margins import ABSENT
 
 from .condition import LargeSceneCondition, LargeSceneParts, decode, place
@@ -141,6 +147,8 @@ class LargeSceneMargins(AbstractMargins):
         between = jnp.where(_both(condition.bodies, beside), between, 0.0)
         free = hinge_violation(_free(pairs), buffer)
         free = jnp.where(_both(condition.regions, around), free, 0.0)
+        strips = place_outward(condition.strips, place(condition.strips, decode(z, condition)))
+        free += caught_violation(strips.expand(1), _of_neighbours(bodies, around), free, buffer)
         half = condition.half_width, condition.half_depth
         at_walls = [
             jnp.where(parts.valid, wall_violation(boxes, *half, buffer), 0.0)
