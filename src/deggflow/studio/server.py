@@ -17,7 +17,8 @@ from starlette.websockets import WebSocket
 from deggflow.blocks import cores
 
 from .access import Access
-from .conversation import AbstractDesk, Conversation
+from .conversation import Conversation
+from .desk import AbstractDesk
 from .limits import MAX_MESSAGE, MAX_REQUESTS, MAX_TABS
 
 _TYPES = {
@@ -66,7 +67,8 @@ def studio_app(
     """
     assets = page_assets()
     tabs = 0
-    workers = anyio.CapacityLimiter(cores())
+    # Each desk has its own: a long answer of one, such as a video, takes no thread from the others.
+    workers = {name: anyio.CapacityLimiter(cores()) for name in desks}
 
     async def asset(request: Request) -> Response:
         name = request.path_params.get("name") or index
@@ -76,7 +78,8 @@ def studio_app(
 
     async def talk(socket: WebSocket) -> None:
         nonlocal tabs
-        desk = desks.get(socket.path_params["desk"])
+        name = socket.path_params["desk"]
+        desk = desks.get(name)
         if desk is None:
             await socket.close(1008, f"the studio has desks for {', '.join(desks)} alone")
             return
@@ -85,7 +88,7 @@ def studio_app(
             return
         tabs += 1
         try:
-            await Conversation(socket, desk, workers).run()
+            await Conversation(socket, desk, workers[name]).run()
         finally:
             tabs -= 1
 

@@ -9,7 +9,7 @@ from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 from deggflow.jsonl import InputError
-from deggflow.studio.conversation import AbstractDesk, ClosedError
+from deggflow.studio.desk import AbstractDesk, ClosedError
 from deggflow.studio.limits import MAX_MESSAGE, MAX_TABS, MAX_WAITING, RateLimit
 from deggflow.studio.server import studio_app
 

@@ -136,6 +136,17 @@ class Team {
   }
 }
 
+/** A small picture of a trial's end, and of its way. @param {SVGSVGElement} root @param {World} world @param {import("./bridge-types.js").Trial} trial */
+export const thumbnail = (root, world, { condition, poses, outcome }) => {
+  const picture = new BridgePicture(root, world);
+  for (const each of [picture.start, picture.turns.plank, picture.turns.goal, picture.twin.root]) each.remove();
+  for (const name of ["tabindex", "role", "data-grip"]) picture.goal.removeAttribute(name);
+  picture.goal.setAttribute("transform", transform(poseOf(condition.goal)));
+  picture.team.draw(condition.contacts, [], outcome.reason !== null);
+  picture.team.drawPath(poses);
+  picture.team.move(poses[poses.length - 1]);
+};
+
 /** @param {Element} element @param {Record<string, string | number>} attributes */
 const place = (element, attributes) => {
   for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, String(value));

@@ -1,8 +1,7 @@
 // @ts-check
 /** The bridge page's state: what is asked for, what is shown, and how the one follows the other. */
 
-import { Lost } from "./connection.js";
-import { latestOnly } from "./studio.js";
+import { Session, entryOf, latestOnly } from "./session.js";
 
 /** @typedef {import("./bridge-types.js").Condition} Condition */
 /** @typedef {import("./bridge-types.js").Trial} Trial */
@@ -21,58 +20,22 @@ import { latestOnly } from "./studio.js";
  * @property {number} number of the trial in its file, from 0
  */
 
-const KEY = "deggflow-studio-bridge"; // of this tab's storage
-
-export class BridgeStudio {
-  /**
-   * @param {import("./connection.js").Connection} connection
-   * @param {() => void} onChange
-   * @param {(error: Error | null) => void} onTrouble
-   * @param {(busy: boolean) => void} onBusy
-   */
-  constructor(connection, onChange, onTrouble, onBusy) {
-    this.connection = connection;
-    this.onChange = onChange;
-    this.onTrouble = onTrouble;
-    this.onBusy = onBusy;
+export class BridgeStudio extends Session {
+  /** @param {import("./connection.js").Connection} connection @param {import("./session.js").Listeners} listeners */
+  constructor(connection, listeners) {
+    super(connection, listeners, "deggflow-studio-bridge", ["condition", "seed", "maxDraws", "speedLimit", "live"]);
     this.work = latestOnly();
     this.look = latestOnly();
     /** @type {Condition} */
     this.condition = { plank: { x: 0, y: 0, theta: 0 }, goal: { x: 0, y: 0, theta: 0 }, contacts: [] };
-    this.seed = 0;
-    this.maxDraws = 8;
     /** @type {number | null} m/s */
     this.speedLimit = null;
-    this.live = true;
     /** @type {{start: string | null, goal: string | null}} what is wrong with the plank at its start and goal */
     this.wrong = { start: null, goal: null };
     /** @type {Shown | null} */
     this.shown = null;
     /** @type {{poses: Pose[], policies: Policy[]} | null} of the trial under way */
     this.underway = null;
-    /** @type {{line: string, refuted: string | null, number: number}[]} of the file that was opened */
-    this.rows = [];
-  }
-
-  /** What an earlier visit of this tab left. @returns {boolean} whether there was something */
-  restore() {
-    try {
-      const kept = JSON.parse(sessionStorage.getItem(KEY) ?? "null");
-      if (!kept) return false;
-      Object.assign(this, kept);
-      return true;
-    } catch {
-      return false;
-    }
-  }
-
-  keep() {
-    const { condition, seed, maxDraws, speedLimit, live } = this;
-    try {
-      sessionStorage.setItem(KEY, JSON.stringify({ condition, seed, maxDraws, speedLimit, live }));
-    } catch {
-      // The tab's storage is full: the page works without it.
-    }
   }
 
   get asked() {
@@ -98,6 +61,10 @@ export class BridgeStudio {
     return this.look(() => this.attempt(async () => {
       this.wrong = await this.connection.ask("placed", { condition: this.condition });
     }));
+  }
+
+  start() {
+    return this.run();
   }
 
   run() {
@@ -132,17 +99,24 @@ export class BridgeStudio {
   /** Rows of a file that the server has read. @param {{line?: string, refuted?: string | null, condition?: Condition}[]} rows */
   openRows(rows) {
     const [first] = rows;
-    this.rows = rows.flatMap(({ line, refuted = null }, number) => (line ? [{ line, refuted, number }] : []));
-    if (this.rows.length) this.showRow(0);
-    else if (first.condition) {
+    const entries = rows.flatMap(({ line, refuted = null }, number) => (line ? [entryOf(line, number, refuted)] : []));
+    if (entries.length) {
+      this.add(entries);
+      this.show(entries[0]);
+    } else if (first.condition) {
       this.condition = first.condition;
       this.run();
     }
   }
 
-  /** @param {number} row of `rows` */
-  showRow(row) {
-    const { line, refuted, number } = this.rows[row];
+  keepShown() {
+    if (!this.shown) throw new Error("There is no trial yet.");
+    const { line, number, refuted } = this.shown;
+    this.add([entryOf(line, number, refuted)]);
+  }
+
+  /** A trial of the gallery. @param {import("./session.js").Entry} entry */
+  show({ line, refuted, number }) {
     const trial = JSON.parse(line);
     this.condition = trial.condition;
     this.seed = trial.seed;
@@ -151,17 +125,6 @@ export class BridgeStudio {
     this.onTrouble(null);
     this.onChange();
     this.place();
-  }
-
-  /** @param {() => Promise<void>} task */
-  async attempt(task) {
-    try {
-      await task();
-      this.onTrouble(null);
-      this.onChange();
-    } catch (error) {
-      if (!(error instanceof Lost)) this.onTrouble(/** @type {Error} */ (error));
-    }
   }
 }
 

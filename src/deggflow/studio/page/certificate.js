@@ -1,8 +1,9 @@
 // @ts-check
 /** The certificate as tables; every margin can be shown on the picture. */
 
-import { byId, html } from "./elements.js";
+import { byId, html, numberCell, table } from "./elements.js";
 import { spoken } from "./geometry.js";
+import { showFacts } from "./page.js";
 
 /** @typedef {import("./types.js").Margin} Margin */
 /** @typedef {import("./studio.js").Shown} Shown */
@@ -19,14 +20,13 @@ export class CertificateView {
     /** @type {Margin[]} */
     this.margins = [];
     const body = html("tbody");
-    const head = html("thead", {}, html("tr", {}, ...columns(["requirement", "between", "-margin, mm"])));
     this.body = body;
     this.more = html("button", { type: "button" });
     this.more.addEventListener("click", () => {
       this.all = !this.all;
       if (this.shown) this.draw(this.shown);
     });
-    byId("margins").append(html("table", {}, head, body), this.more);
+    byId("margins").append(table(["requirement", "between", "-margin, mm"], body), this.more);
     /** @type {Shown | null} */
     this.shown = null;
   }
@@ -37,7 +37,7 @@ export class CertificateView {
     const { judgement, condition, scene } = shown;
     this.margins = judgement.margins;
     const generated = shown.origin === "generated";
-    const facts = /** @type {[string, string][]} */ ([
+    showFacts([
       ["requirements", judgement.satisfied ? "all hold" : "NOT satisfied"],
       ["least margin", `${millimetres(judgement.min_margin)} mm`],
       ["V at the end", `${judgement.violation.toPrecision(3)} m²`],
@@ -45,9 +45,6 @@ export class CertificateView {
       ["draws", generated ? String(scene.certificate.draws) : "-"],
       ["hypotheses", generated ? hypotheses(scene.certificate.generation) : origins[shown.origin]],
     ]);
-    byId("facts").replaceChildren(
-      ...facts.map(([name, value]) => html("div", {}, html("dt", {}, name), html("dd", {}, value))),
-    );
     byId("requirements").replaceChildren(...(generated ? [records(scene.certificate.generation)] : []));
     const rows = this.all ? this.margins : this.margins.slice(0, FEW);
     this.body.replaceChildren(...rows.map((margin) => this.row(margin, condition.objects)));
@@ -71,7 +68,7 @@ export class CertificateView {
       { "data-key": key },
       html("td", {}, name),
       html("td", {}, between),
-      html("td", { class: "number" }, millimetres(margin.margin)),
+      numberCell(millimetres(margin.margin)),
     );
     row.classList.toggle("wrong", !(margin.margin >= 0));
     return row;
@@ -115,10 +112,6 @@ const words = (margin, objects) => {
   return [kinds[margin.kind], `${region}, ${other}`];
 };
 
-/** @param {string[]} names those with a leading "-" are numbers */
-const columns = (names) =>
-  names.map((name) => html("th", { scope: "col", class: name.startsWith("-") ? "number" : "text" }, name.replace(/^-/, "")));
-
 /** @param {any} generation */
 const hypotheses = (generation) => {
   if (!generation) return "-";
@@ -127,12 +120,12 @@ const hypotheses = (generation) => {
 
 /** @param {any} generation */
 const records = (generation) => {
-  const head = columns(["guided by", "-value at the end", "-limit", "-largest excess", "-active at", "-smallest |ell|"]);
+  const heads = ["guided by", "-value at the end", "-limit", "-largest excess", "-active at", "-smallest |ell|"];
   const rows = (generation?.requirements ?? []).map((/** @type {any} */ each) => {
     const numbers = [each.value, each.limit, each.excess].map((value) => value.toPrecision(3));
     const norm = each.smallest_ell_norm === null ? "-" : each.smallest_ell_norm.toPrecision(3);
     const cells = [...numbers, `${each.active_points} points`, norm];
-    return html("tr", {}, html("td", {}, each.name), ...cells.map((cell) => html("td", { class: "number" }, cell)));
+    return html("tr", {}, html("td", {}, each.name), ...cells.map(numberCell));
   });
-  return html("table", {}, html("thead", {}, html("tr", {}, ...head)), html("tbody", {}, ...rows));
+  return table(heads, html("tbody", {}, ...rows));
 };
