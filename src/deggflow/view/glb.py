@@ -133,7 +133,7 @@ def _box() -> Surface:
         for sign in (-1.0, 1.0):
             normal = np.zeros(3)
             normal[axis] = sign
-            first, second = np.roll(np.eye(3), axis, axis=0)[1:]
+            first, second = np.roll(np.eye(3), -axis, axis=0)[1:]
             second = sign * second  # first x second points outwards
             faces.append(np.array([[0, 1, 2], [0, 2, 3]]) + 4 * len(faces))
             points += [normal + u * first + v * second for u, v in _SQUARE]

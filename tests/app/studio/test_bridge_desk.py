@@ -3,8 +3,6 @@
 import base64
 import json
 import shlex
-import subprocess
-import sys
 from io import BytesIO
 from xml.etree import ElementTree
 
