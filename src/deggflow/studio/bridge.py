@@ -26,6 +26,7 @@ from deggflow.view.bridge.parts import ACCENTS
 from deggflow.view.bridge.results import regenerate
 
 from .bridge_exports import TRIAL_EXPORTS
+from .bridge_margins import least_margins
 from .bridge_messages import (
     Placed,
     PolicyCourse,
@@ -169,11 +170,12 @@ def _trouble(pose: Any, contacts: Any, is_goal: bool) -> str | None:
 
 
 def examined(trial: Trial) -> dict[str, Any]:
-    """A trial's line as it stands in a file, and what independent checks find wrong with it; None if nothing."""
+    """A trial's line as it stands in a file, its margins, and what independent checks find wrong with it."""
     line = json.dumps(trial.to_json(), allow_nan=False)
     value = json.loads(line)
     wrong = [refutation(value), *(str(each) for each in contradictions(value))]
-    return {"line": line, "refuted": next((each for each in wrong if each is not None), None)}
+    refuted = next((each for each in wrong if each is not None), None)
+    return {"line": line, "refuted": refuted, "margins": least_margins(trial)}
 
 
 def _command(asked: Settings) -> str:

@@ -128,7 +128,9 @@ def _rows(values: Any, first: Any, count: Any, number: int) -> Any:
 
 
 def _box() -> Surface:
-    points, normals, faces = [], [], []
+    points: list[Any] = []
+    normals: list[Any] = []
+    faces: list[Any] = []
     for axis in range(3):
         for sign in (-1.0, 1.0):
             normal = np.zeros(3)

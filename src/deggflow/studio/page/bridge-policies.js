@@ -2,7 +2,7 @@
 /** The policies of a trial: their factors under their bounds, at their ends and while they were generated. */
 
 import { EDGE, HEIGHT, WIDTH, apart, drawChart, text } from "./chart.js";
-import { byId, html, numberCell, svg, table } from "./elements.js";
+import { button, byId, html, numberCell, svg, table } from "./elements.js";
 
 /** @typedef {import("./bridge-types.js").Policy} Policy */
 /** @typedef {import("./bridge-types.js").Course} Course */
@@ -43,8 +43,7 @@ export class PoliciesView {
 
   /** @param {Policy} policy @param {number} k */
   row(policy, k) {
-    const name = html("button", { type: "button", class: "plain", "aria-pressed": "false" }, `${k + 1}${policy.accepted ? "" : ", refused"}`);
-    name.addEventListener("click", () => this.choose(k));
+    const name = button(`${k + 1}${policy.accepted ? "" : ", refused"}`, { class: "plain", "aria-pressed": "false" }, () => this.choose(k));
     const numbers = [policy.q_task, policy.bound, policy.q_safe].map((value) => value.toFixed(4));
     const hold = policy.generation ? (policy.generation.hypotheses_hold ? "hold" : policy.generation.first_failure) : "-";
     const cells = [...numbers, policy.draws, policy.speed.toFixed(3), hold];

@@ -15,6 +15,7 @@ import { Session, entryOf, latestOnly } from "./session.js";
  * @property {Trial} trial its line in a file, parsed
  * @property {string} line
  * @property {string | null} refuted what independent checks find wrong
+ * @property {import("./bridge-types.js").Margin[]} margins the least first
  * @property {Nominal | null} nominal from the same z(0); null if it is not known
  * @property {string | null} command
  * @property {number} number of the trial in its file, from 0
@@ -96,10 +97,10 @@ export class BridgeStudio extends Session {
     return this.connection.ask("course", { line, number, policy });
   }
 
-  /** Rows of a file that the server has read. @param {{line?: string, refuted?: string | null, condition?: Condition}[]} rows */
+  /** Rows of a file that the server has read. @param {{line?: string, condition?: Condition}[]} rows */
   openRows(rows) {
     const [first] = rows;
-    const entries = rows.flatMap(({ line, refuted = null }, number) => (line ? [entryOf(line, number, refuted)] : []));
+    const entries = rows.flatMap(({ line }, number) => (line ? [entryOf(line, number)] : []));
     if (entries.length) {
       this.add(entries);
       this.show(entries[0]);
@@ -111,20 +112,25 @@ export class BridgeStudio extends Session {
 
   keepShown() {
     if (!this.shown) throw new Error("There is no trial yet.");
-    const { line, number, refuted } = this.shown;
-    this.add([entryOf(line, number, refuted)]);
+    this.add([entryOf(this.shown.line, this.shown.number)]);
   }
 
-  /** A trial of the gallery. @param {import("./session.js").Entry} entry */
-  show({ line, refuted, number }) {
-    const trial = JSON.parse(line);
-    this.condition = trial.condition;
-    this.seed = trial.seed;
-    this.speedLimit = trial.certificate.speed_limit ?? null;
-    this.shown = { trial, line, refuted, nominal: null, command: null, number };
-    this.onTrouble(null);
-    this.onChange();
-    this.place();
+  /** A trial of the gallery, examined anew. @param {import("./session.js").Entry} entry */
+  show({ line, number }) {
+    return this.work(async () => {
+      this.onBusy(true);
+      await this.attempt(async () => {
+        const { rows } = await this.connection.ask("open", { name: "trial.jsonl", text: line });
+        const trial = JSON.parse(line);
+        this.condition = trial.condition;
+        this.seed = trial.seed;
+        this.speedLimit = trial.certificate.speed_limit ?? null;
+        this.shown = { ...rows[0], trial, line, nominal: null, command: null, number };
+        this.wrong = await this.connection.ask("placed", { condition: this.condition });
+      });
+      this.keep();
+      this.onBusy(false);
+    });
   }
 }
 

@@ -11,6 +11,7 @@ import { Grips } from "./drag.js";
 import { byId } from "./elements.js";
 import { Files } from "./files.js";
 import { Gallery } from "./gallery.js";
+import { MarginTable } from "./margins.js";
 import { listeners, openTask, say, showFacts, showTrouble } from "./page.js";
 import { SolidView } from "./solid-view.js";
 
@@ -51,6 +52,14 @@ const build = (world, connection) => {
       replay.show(Math.min(policy * world.executed * world.dt, replay.duration));
     },
   );
+  /** @type {MarginTable<import("./bridge-types.js").Margin>} */
+  const margins = new MarginTable(["least distance", "at, s"], ({ name, time }) => ({ key: name, name, cells: [time.toFixed(1)] }), (margin, chosen) => {
+    if (margin && chosen) {
+      replay.player.stop();
+      replay.show(margin.time);
+    }
+    picture.mark(margin);
+  });
   const ghost = byId("ghost", HTMLInputElement);
   const replay = new BridgeReplay(world.dt, (guided, nominal) => {
     const start = poseOf(studio.condition.plank);
@@ -86,6 +95,7 @@ const build = (world, connection) => {
       replay.player.stop();
       picture.team.move(underway.poses[underway.poses.length - 1]);
       policies.draw([...underway.policies]);
+      margins.draw([]);
       say(underway.policies.length ? `Running: policy ${underway.policies.length + 1}.` : COMPILING);
       return;
     }
@@ -96,6 +106,7 @@ const build = (world, connection) => {
       picture.team.drawPath([]);
       picture.twin.drawPath([]);
       picture.team.move(poseOf(studio.condition.plank));
+      margins.draw([]);
       const { start, goal } = studio.wrong;
       say(start ? `At the start, ${start}.` : goal ? `At the goal, ${goal}.` : "Edited; the trial has not been run yet.");
       drawn = null;
@@ -108,6 +119,7 @@ const build = (world, connection) => {
       picture.twin.draw(trial.condition.contacts);
       picture.twin.drawPath(nominal && ghost.checked ? nominal.poses : []);
       policies.draw(trial.certificate.policies);
+      margins.draw(shown.margins);
       replay.reset(trial, nominal, trial.twists.length * trial.dt);
       solid.refresh();
       report(shown);

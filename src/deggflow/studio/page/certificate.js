@@ -3,39 +3,24 @@
 
 import { byId, html, numberCell, table } from "./elements.js";
 import { spoken } from "./geometry.js";
+import { MarginTable, millimetres } from "./margins.js";
 import { showFacts } from "./page.js";
 
 /** @typedef {import("./types.js").Margin} Margin */
 /** @typedef {import("./studio.js").Shown} Shown */
 
-const FEW = 12; // margins that are listed at first
-
 export class CertificateView {
   /** @param {(margin: Margin | null) => void} onMark */
   constructor(onMark) {
-    this.onMark = onMark;
-    this.all = false;
-    /** @type {string | null} */
-    this.marked = null;
-    /** @type {Margin[]} */
-    this.margins = [];
-    const body = html("tbody");
-    this.body = body;
-    this.more = html("button", { type: "button" });
-    this.more.addEventListener("click", () => {
-      this.all = !this.all;
-      if (this.shown) this.draw(this.shown);
-    });
-    byId("margins").append(table(["requirement", "between", "-margin, mm"], body), this.more);
-    /** @type {Shown | null} */
-    this.shown = null;
+    /** @type {string[]} */
+    this.objects = [];
+    /** @type {MarginTable<Margin>} */
+    this.table = new MarginTable(["requirement", "between"], (margin) => words(margin, this.objects), onMark);
   }
 
   /** @param {Shown} shown */
   draw(shown) {
-    this.shown = shown;
     const { judgement, condition, scene } = shown;
-    this.margins = judgement.margins;
     const generated = shown.origin === "generated";
     showFacts([
       ["requirements", judgement.satisfied ? "all hold" : "NOT satisfied"],
@@ -46,41 +31,8 @@ export class CertificateView {
       ["hypotheses", generated ? hypotheses(scene.certificate.generation) : origins[shown.origin]],
     ]);
     byId("requirements").replaceChildren(...(generated ? [records(scene.certificate.generation)] : []));
-    const rows = this.all ? this.margins : this.margins.slice(0, FEW);
-    this.body.replaceChildren(...rows.map((margin) => this.row(margin, condition.objects)));
-    this.more.textContent = this.all ? `Show the ${FEW} least` : `Show all ${this.margins.length}`;
-    this.more.toggleAttribute("hidden", this.margins.length <= FEW);
-    this.remark();
-  }
-
-  /** @param {Margin} margin @param {string[]} objects */
-  row(margin, objects) {
-    const key = keyOf(margin);
-    const [kind, between] = words(margin, objects);
-    const name = html("button", { type: "button", class: "plain" }, kind);
-    name.addEventListener("click", () => {
-      this.marked = this.marked === key ? null : key;
-      this.remark();
-    });
-    name.setAttribute("aria-pressed", String(this.marked === key));
-    const row = html(
-      "tr",
-      { "data-key": key },
-      html("td", {}, name),
-      html("td", {}, between),
-      numberCell(millimetres(margin.margin)),
-    );
-    row.classList.toggle("wrong", !(margin.margin >= 0));
-    return row;
-  }
-
-  remark() {
-    for (const row of this.body.children) {
-      const here = row.getAttribute("data-key") === this.marked;
-      row.setAttribute("aria-selected", String(here));
-      row.querySelector("button")?.setAttribute("aria-pressed", String(here));
-    }
-    this.onMark(this.margins.find((margin) => keyOf(margin) === this.marked) ?? null);
+    this.objects = condition.objects;
+    this.table.draw(judgement.margins);
   }
 }
 
@@ -91,13 +43,7 @@ const origins = {
   file: "from a file or the gallery, judged anew",
 };
 
-/** @param {Margin} margin */
-const keyOf = ({ kind, owner, region, other }) => `${kind} ${owner} ${region} ${other}`;
-
-/** @param {number} value */
-const millimetres = (value) => (1000 * value).toFixed(1);
-
-/** @param {Margin} margin @param {string[]} objects @returns {[string, string]} */
+/** @param {Margin} margin @param {string[]} objects @returns {import("./margins.js").Words} */
 const words = (margin, objects) => {
   const owner = spoken(objects[margin.owner] ?? "all objects");
   const region = margin.region >= 0 ? `region ${margin.region + 1} of ${owner}` : owner;
@@ -109,7 +55,8 @@ const words = (margin, objects) => {
     "region on table": "region on the table",
     balance: "balance",
   });
-  return [kinds[margin.kind], `${region}, ${other}`];
+  const key = `${margin.kind} ${margin.owner} ${margin.region} ${margin.other}`;
+  return { key, name: kinds[margin.kind], cells: [`${region}, ${other}`] };
 };
 
 /** @param {any} generation */

@@ -1,7 +1,7 @@
 // @ts-check
 /** Files in and out; nothing is read or written but what the user chooses. */
 
-import { byId, html } from "./elements.js";
+import { button, byId, html } from "./elements.js";
 import { Film } from "./film.js";
 
 /**
@@ -90,13 +90,6 @@ export class Files {
     }
   }
 }
-
-/** @param {string} words @param {Record<string, string>} attributes @param {() => void} onClick */
-const button = (words, attributes, onClick) => {
-  const element = html("button", { type: "button", ...attributes }, words);
-  element.addEventListener("click", onClick);
-  return element;
-};
 
 let last = "";
 

@@ -2,7 +2,7 @@
 /** A video that the server makes beside everything else: its progress, and a way to stop it. */
 
 import { Connection } from "./connection.js";
-import { html } from "./elements.js";
+import { button, html } from "./elements.js";
 
 /** @typedef {{name: string, type: string, content: string}} Made a file, in base64 */
 
@@ -20,13 +20,11 @@ export class Film {
     this.onTrouble = onTrouble;
     /** @type {Connection | null} of its own: other questions do not wait for the video */
     this.connection = null;
-    this.button = /** @type {HTMLButtonElement} */ (html("button", { type: "button", id: "film" }, "Video (MP4)"));
+    this.button = /** @type {HTMLButtonElement} */ (button("Video (MP4)", { id: "film" }, () => this.begin()));
     this.bar = /** @type {HTMLProgressElement} */ (html("progress", { "aria-label": "Progress of the video" }));
     this.text = html("span", { role: "status" });
-    const stop = html("button", { type: "button", id: "stop-film" }, "Stop the video");
+    const stop = button("Stop the video", { id: "stop-film" }, () => this.end());
     this.progress = html("div", { class: "film", hidden: "" }, this.bar, this.text, stop);
-    this.button.addEventListener("click", () => this.begin());
-    stop.addEventListener("click", () => this.end());
   }
 
   async begin() {

@@ -1,7 +1,7 @@
 // @ts-check
 /** Results that were kept or opened, as small pictures. */
 
-import { byId, html, svg } from "./elements.js";
+import { button, byId, html, svg } from "./elements.js";
 import { offer } from "./files.js";
 
 /** @typedef {import("./session.js").Entry} Entry */
@@ -20,19 +20,21 @@ export class Gallery {
     this.draw = draw;
     /** @type {WeakMap<Entry, Element>} */
     this.made = new WeakMap();
-    byId("keep").addEventListener("click", () => session.attempt(() => session.keepShown()));
-    byId("save-all").addEventListener("click", () => {
+    this.saver = button("Save all (JSON Lines)", { id: "save-all" }, () => {
       offer(`${what}s.jsonl`, session.gallery.map(({ line }) => `${line}\n`).join(""), "application/jsonl");
     });
+    this.home = html("ul", { id: "gallery", "aria-label": `${what}s that were kept or opened` });
+    const keep = button(`Keep this ${what}`, { id: "keep" }, () => session.attempt(() => session.keepShown()));
+    byId("collection").append(html("div", { class: "buttons" }, keep, this.saver), this.home);
   }
 
   refresh() {
     const { gallery } = this.session;
-    byId("save-all", HTMLButtonElement).disabled = gallery.length === 0;
+    this.saver.toggleAttribute("disabled", gallery.length === 0);
     const items = gallery.map((entry, k) => this.made.get(entry) ?? this.make(entry, k));
-    const home = byId("gallery");
-    if (items.length !== home.children.length || items.some((each, k) => each !== home.children[k])) {
-      home.replaceChildren(...items);
+    const { children } = this.home;
+    if (items.length !== children.length || items.some((each, k) => each !== children[k])) {
+      this.home.replaceChildren(...items);
     }
   }
 
@@ -42,10 +44,9 @@ export class Gallery {
     this.draw(root, JSON.parse(entry.line));
     const words = entry.satisfied ? "all requirements hold" : (entry.reason ?? "not satisfied");
     const caption = html("span", entry.satisfied ? {} : { class: "wrong" }, words);
-    const open = html("button", { type: "button", class: "open", "aria-label": `Show ${this.what} ${number + 1}: ${words}` }, root, caption);
-    open.addEventListener("click", () => this.session.show(entry));
-    const remove = html("button", { type: "button", class: "remove", "aria-label": `Remove ${this.what} ${number + 1}` }, "×");
-    remove.addEventListener("click", () => this.session.remove(entry));
+    const open = button("", { class: "open", "aria-label": `Show ${this.what} ${number + 1}: ${words}` }, () => this.session.show(entry));
+    open.append(root, caption);
+    const remove = button("×", { class: "remove", "aria-label": `Remove ${this.what} ${number + 1}` }, () => this.session.remove(entry));
     const item = html("li", {}, open, remove);
     this.made.set(entry, item);
     return item;

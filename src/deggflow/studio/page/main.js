@@ -110,7 +110,7 @@ const build = (library, connection) => {
     guided.draw(drawn.condition, drawn.poses, drawn.judgement);
     guided.nameBreaches(drawn.judgement);
     if (drawn.nominal) nominal.draw(drawn.condition, drawn.nominal.poses, drawn.nominal.judgement);
-    certificate.remark();
+    certificate.table.remark();
     handles.refresh();
   });
   return studio;

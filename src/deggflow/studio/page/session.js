@@ -10,7 +10,6 @@ import { Lost } from "./connection.js";
  * @property {boolean} satisfied
  * @property {string | null} reason
  * @property {number} number of its line in the file that it is from, from 0
- * @property {string | null} refuted what independent checks find wrong
  *
  * @typedef {object} Listeners
  * @property {() => void} onChange
@@ -105,9 +104,9 @@ export class Session {
 }
 
 /** @param {string} line @returns {Entry} */
-export const entryOf = (line, number = 0, refuted = /** @type {string | null} */ (null)) => {
+export const entryOf = (line, number = 0) => {
   const { satisfied, reason } = JSON.parse(line).certificate;
-  return { line, satisfied, reason, number, refuted };
+  return { line, satisfied, reason, number };
 };
 
 /** @param {string} key */

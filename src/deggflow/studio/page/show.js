@@ -2,7 +2,7 @@
 /** A sample of any problem in the plane: states over tau, margins, values against bounds, inputs. */
 
 import { drawChart, moveCursor } from "./chart.js";
-import { byId, html, numberCell, svg, table } from "./elements.js";
+import { button, byId, html, numberCell, svg, table } from "./elements.js";
 import { between, outline } from "./geometry.js";
 import { openPage, say } from "./page.js";
 import { Player } from "./player.js";
@@ -139,9 +139,8 @@ class SampleView {
     });
     byId("verdicts").replaceChildren(table(["requirement", "-least margin", "verdict"], html("tbody", {}, ...rows)));
     const each = agents.map((name, agent) => {
-      const button = html("button", { type: "button", class: "plain" }, name);
-      button.addEventListener("click", () => this.choose(agent));
-      const row = html("tr", {}, html("td", {}, button), ...margins.map((margin) => number(margin[agent])));
+      const choose = button(name, { class: "plain" }, () => this.choose(agent));
+      const row = html("tr", {}, html("td", {}, choose), ...margins.map((margin) => number(margin[agent])));
       row.classList.toggle("wrong", margins.some((margin) => (margin[agent] ?? 0) < 0));
       return row;
     });
