@@ -10,7 +10,7 @@ from pathlib import Path
 from threading import Lock
 from typing import IO, Any, cast
 
-from deggflow.jsonl import InputError, expect_list, parse_line
+from deggflow.jsonl import InputError, expect_list, expect_number, parse_line
 from deggflow.tasks.bridge.formats import parse_trial
 from deggflow.tasks.tabletop.verdict import Poses
 
@@ -49,6 +49,8 @@ class FilmScene:
         frames = len(expect_list(self.tau, "tau"))
         if not 2 <= frames <= MAX_FRAMES:
             raise InputError(f"must hold 2 to {MAX_FRAMES} times; got {frames}", field="tau")
+        for k, tau in enumerate(self.tau):
+            expect_number(tau, f"tau[{k}]", 0.0, 1.0, "")
         ways = []
         for name, way in (("nominal", self.nominal), ("guided", self.guided)):
             if len(expect_list(way, name)) != frames:

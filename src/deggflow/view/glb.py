@@ -21,6 +21,7 @@ _UPRIGHT = [-(0.5**0.5), 0.0, 0.0, 0.5**0.5]  # quaternion x, y, z, w: z of the 
 _SLICES, _STACKS = 40, 20  # of round shapes, as MuJoCo's own pictures have
 _FLOAT, _UINT = 5126, 5125  # glTF's component types
 _VERTICES, _INDICES = 34962, 34963  # and its targets of buffer views
+_SMOOTH = np.cos(np.radians(40.0))  # of the angle between faces that are shaded as one
 _HIDDEN = 3  # first group of geoms that MuJoCo's own viewer hides
 
 
@@ -113,14 +114,24 @@ def _geom_nodes(mujoco: Any, model: Any, geom: int, file: "_File") -> list[int]:
 
 
 def _mesh_surface(model: Any, number: int) -> Surface:
-    """A mesh of the model with MuJoCo's normals, which keep edges sharp."""
+    """A mesh of the model. MuJoCo's own normals point inwards at some edges of thin solids."""
     faces = _rows(model.mesh_face, model.mesh_faceadr, model.mesh_facenum, number)
-    normals = _rows(model.mesh_facenormal, model.mesh_faceadr, model.mesh_facenum, number)
-    corners = np.stack([faces.ravel(), normals.ravel()], axis=-1)
-    kept, index = np.unique(corners, axis=0, return_inverse=True)
-    points = model.mesh_vert[int(model.mesh_vertadr[number]) + kept[:, 0]]
-    outward = model.mesh_normal[int(model.mesh_normaladr[number]) + kept[:, 1]]
-    return Surface(points, outward, index.reshape(-1, 3))
+    points = _rows(model.mesh_vert, model.mesh_vertadr, model.mesh_vertnum, number)
+    first, second, third = np.moveaxis(points[faces].astype(np.float64), 1, 0)
+    across = np.cross(second - first, third - first)
+    area = np.linalg.norm(across, axis=-1)
+    kept = area > 1e-12
+    faces, area, flat = faces[kept], area[kept], across[kept] / area[kept, None]
+    corner, owner = faces.ravel(), np.repeat(np.arange(len(faces)), 3)
+    # At a corner, faces that meet at small angles are shaded as one.
+    meets = np.zeros((len(points), len(faces)), bool)
+    meets[corner, owner] = True
+    smooth = meets[corner] & (flat @ flat.T > _SMOOTH)[owner]
+    normals = smooth @ (area[:, None] * flat)
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    rows = np.concatenate([points[corner], np.round(normals, 4)], axis=-1)
+    unique, index = np.unique(rows, axis=0, return_inverse=True)
+    return Surface(unique[:, :3], unique[:, 3:], index.reshape(-1, 3))
 
 
 def _rows(values: Any, first: Any, count: Any, number: int) -> Any:

@@ -137,3 +137,23 @@ def test_files_go_out_and_in(page, tmp_path):
     page.locator("#open").set_input_files(path)
     api.expect(page.locator("#status")).to_contain_text(re.compile("^From a file: bridge built"))
     assert "agrees" in page.locator("#facts").inner_text()
+    page.locator("#keep").click()
+    api.expect(page.locator("#gallery li")).to_have_count(2)  # the one that was opened, too
+    page.locator("#gallery .open").first.click()
+    settle(page)
+    kept = read_trials(download(page, "#save-all", tmp_path))
+    assert [each.seed for each in kept] == [1, 1]
+    page.locator("#gallery .remove").first.click()
+    api.expect(page.locator("#gallery li")).to_have_count(1)
+
+
+def test_a_margin_is_shown_where_and_when_it_is(page):
+    row = page.locator("#margins tbody tr").first
+    name, time, margin = row.inner_text().split("\t")
+    assert re.search("plank|robot", name)
+    row.locator("button").click()
+    assert page.locator("#time-text").inner_text() == f"{time} s"
+    assert page.locator("#world .gap line").count() == 1
+    assert page.locator("#world .gap-text").text_content() == f"{margin} mm"
+    page.locator("#solid summary").click()
+    api.expect(page.locator("#solid canvas")).to_have_attribute("data-bodies", re.compile("plank robot_1"), timeout=WAIT)  # fmt: skip
