@@ -118,6 +118,9 @@ def test_every_edit_has_its_keys(page, tmp_path):
     page("#guided .object[data-name=laptop]").focus()
     page("[data-handle=region]").press("ArrowLeft")
     page.settle()
+    # An outline of 2 px would be 2 m wide in a picture.
+    style = "getComputedStyle(document.activeElement).outlineStyle"
+    assert page.page.evaluate(style) == "none"
     page("[data-handle=radius]").press("ArrowUp")
     page.settle()
     page("[data-handle=table]").press("ArrowRight")
