@@ -31,15 +31,16 @@ from deggflow.tasks.tabletop.oracle import refutes
 Floats = Float[np.ndarray, " values"]
 
 WAIT = 600_000  # ms; the first scene of a size is compiled
-# From the last pointer event to the first frame after the scene has changed.
-STOPWATCH = """(selector) => {
-  const root = document.querySelector(selector);
+# From a pointer event to the first frame after an object has moved.
+STOPWATCH = """([picture, moving]) => {
+  const root = document.querySelector(picture);
   window.moved = 0;
   window.delays = [];
-  window.changes = 0;
+  window.changes = [];
   root.addEventListener('pointermove', () => { window.moved ||= performance.now(); }, true);
-  new MutationObserver(() => {
-    window.changes += 1;
+  new MutationObserver((records) => {
+    if (!records.some(({ target }) => target.matches(moving))) return;
+    window.changes.push(performance.now());
     if (!window.moved) return;
     const from = window.moved;
     window.moved = 0;
@@ -114,14 +115,14 @@ def measure(browser: Browser, served: Served, moves: int) -> dict[str, Any]:
     settle(page)
     again = time.perf_counter() - start
     assert page.locator("#guided .object").count() == 8
-    page.evaluate(STOPWATCH, "#guided")
+    page.evaluate(STOPWATCH, ["#guided", ".object"])
     delays = drags(page, moves)
     page.locator("#tau").press("Home")
     expect(page.locator("#tau-text")).to_have_text("τ = 0.00", timeout=WAIT)
     scene_rate = replayed(page)
     page.goto(f"{served.address}bridge.html")
     settle_trial(page)
-    page.evaluate(STOPWATCH, "#world")
+    page.evaluate(STOPWATCH, ["#world", ".team > g"])
     page.locator("#time").press("Home")
     trial_rate = replayed(page)
     page.close()
@@ -168,12 +169,12 @@ def interval_of_median(values: Floats) -> tuple[float, float]:
 
 def replayed(page: Page) -> float:
     """Poses a second that are drawn while a replay is played."""
-    page.evaluate("window.changes = 0")
-    start = time.perf_counter()
+    page.evaluate("window.changes = []")
     page.locator("#play").click()
     expect(page.locator("#play")).to_have_text("Stop")
     expect(page.locator("#play")).to_have_text("Play", timeout=WAIT)
-    return float(page.evaluate("window.changes")) / (time.perf_counter() - start)
+    times = page.evaluate("window.changes")
+    return 1000 * (len(times) - 1) / (times[-1] - times[0])
 
 
 class Editor:
@@ -217,6 +218,7 @@ def edit(browser: Browser, served: Served, minutes: float, seed: int) -> dict[st
     memory = []
     end = time.perf_counter() + 60 * minutes
     while time.perf_counter() < end or len(memory) < 4:
+        scenes.page.bring_to_front()  # a page behind another one is drawn once a second
         for _ in range(10):
             edit_once(scenes.page, rng)
             settle(scenes.page)
@@ -225,6 +227,7 @@ def edit(browser: Browser, served: Served, minutes: float, seed: int) -> dict[st
             count["scenes_satisfied"] += scene.certificate.satisfied
             wrong = scene.certificate.satisfied and refutes(scene.condition, scene.poses)
             count["scenes_refuted"] += wrong
+        trials.page.bring_to_front()
         edit_trial(trials.page, rng)
         settle_trial(trials.page)
         count["trials_edits"] += 1
@@ -288,12 +291,12 @@ def screenshots(browser: Browser, address: str, out: Path) -> None:
             view = {"width": width, "height": height}
             for name, picture in (
                 ("studio", lambda page: picture_scene(page, address)),
+                ("studio_solid", lambda page: picture_solid(page, address)),
                 ("studio_bridge", lambda page: picture_trial(page, address)),
                 ("studio_show", lambda page: picture_sample(page, sample)),
             ):
                 page = browser.new_page(viewport=view, color_scheme=scheme)
                 picture(page)
-                page.evaluate("scrollTo(0, 0)")
                 page.wait_for_timeout(300)
                 page.screenshot(path=out / f"{name}{ending}.png")
                 page.close()
@@ -304,6 +307,20 @@ def picture_scene(page: Page, address: str) -> None:
     settle(page)
     page.locator("#guided .object[data-name=compact_printer]").focus()
     page.locator("#margins button.plain").first.click()
+    page.evaluate("scrollTo(0, 0)")
+
+
+def picture_solid(page: Page, address: str) -> None:
+    """The 3-D view, turned, in the middle of the page."""
+    page.goto(address)
+    settle(page)
+    page.locator("#solid summary").click()
+    canvas = page.locator("#solid canvas")
+    expect(canvas).to_have_attribute("data-bodies", re.compile("table"), timeout=WAIT)
+    for key in 4 * ["ArrowLeft"] + 3 * ["ArrowDown"]:
+        canvas.press(key)
+    canvas.blur()
+    page.locator("#solid").evaluate("element => element.scrollIntoView()")
 
 
 def picture_trial(page: Page, address: str) -> None:
@@ -313,12 +330,14 @@ def picture_trial(page: Page, address: str) -> None:
     page.locator("#policies button").nth(2).click()
     expect(page.locator("#courses .chart")).to_have_count(2, timeout=WAIT)
     page.locator("#time").fill("6")
+    page.evaluate("scrollTo(0, 0)")
 
 
 def picture_sample(page: Page, address: str) -> None:
     page.goto(address)
     expect(page.locator("#status")).to_contain_text(re.compile("^Satisfied"), timeout=WAIT)
     page.locator("[data-agent='2']").press("Enter")
+    page.evaluate("scrollTo(0, 0)")
 
 
 @contextmanager
