@@ -59,12 +59,7 @@ export class Picture {
     /** @type {Map<string, {regions: SVGElement, object: SVGElement, label: SVGElement}>} */
     this.parts = new Map();
     this.width = this.depth = 1;
-  }
-
-  /** Metres of a pixel. */
-  get pixel() {
-    const { clientWidth, clientHeight } = this.root;
-    return Math.max(this.width / Math.max(clientWidth, 1), this.depth / Math.max(clientHeight, 1));
+    this.pixel = 1; // m; asking for it on the way would lay the page out once for every object
   }
 
   /**
@@ -78,6 +73,8 @@ export class Picture {
     this.depth = depth + 2 * AROUND;
     const view = [-this.width / 2, -this.depth / 2, this.width, this.depth];
     set(this.root, { viewBox: view.join(" ") });
+    const { clientWidth, clientHeight } = this.root;
+    this.pixel = Math.max(this.width / Math.max(clientWidth, 1), this.depth / Math.max(clientHeight, 1));
     set(this.table, { x: -width / 2, y: -depth / 2, width, height: depth });
     set(this.labels, { "font-size": 11 * this.pixel, "stroke-width": 2.5 * this.pixel });
     this.keepOnly(condition.objects);
