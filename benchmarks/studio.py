@@ -10,7 +10,9 @@ import argparse
 import json
 import os
 import re
+import secrets
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -19,6 +21,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
+from urllib.parse import urlsplit
 
 import numpy as np
 from jaxtyping import Float
@@ -69,10 +72,10 @@ class Served(NamedTuple):
 
 
 @contextmanager
-def studio() -> Iterator[Served]:
-    """A studio, started as a user starts it."""
-    command = [sys.executable, "-m", "deggflow.app.start", "studio", "--no-browser", "--port", "0"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+def studio(port: int = 0) -> Iterator[Served]:
+    """A studio, started as a user starts it, at any free port or a given one."""
+    command = [sys.executable, "-m", "deggflow.app.start", "studio", "--no-browser", "--port"]
+    process = subprocess.Popen([*command, str(port)], stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
         yield Served(process.stdout.readline().strip(), process.pid)
@@ -175,6 +178,28 @@ def replayed(page: Page) -> float:
     expect(page.locator("#play")).to_have_text("Play", timeout=WAIT)
     times = page.evaluate("window.changes")
     return 1000 * (len(times) - 1) / (times[-1] - times[0])
+
+
+def survive(browser: Browser) -> float:
+    """Seconds from the start of a server, whose predecessor was killed, until an open page has another scene."""
+    os.environ["DEGGFLOW_STUDIO_TOKEN"] = secrets.token_hex(12)
+    page = browser.new_page()
+    with studio() as served:
+        page.goto(served.address)
+        settle(page)
+        os.kill(served.process, signal.SIGKILL)
+        expect(page.locator("#trouble")).to_contain_text("The studio has stopped", timeout=WAIT)
+    places = page.locator("#guided").inner_html()
+    start = time.perf_counter()
+    with studio(urlsplit(served.address).port or 0):
+        expect(page.locator("#trouble")).to_be_hidden(timeout=WAIT)
+        page.locator("#seed").fill("5")
+        page.locator("#seed").press("Enter")
+        settle(page)
+        seconds = time.perf_counter() - start
+        assert page.locator("#guided").inner_html() != places
+    page.close()
+    return seconds
 
 
 class Editor:
@@ -368,7 +393,8 @@ def main() -> None:
         if options.what == "measure":
             times = measure(browser, served, options.moves)
             edits = edit(browser, served, options.minutes, options.seed)
-            print(json.dumps({**times, **edits}, indent=2))
+            kill = {"scene_after_kill_and_restart_s": round(survive(browser), 1)}
+            print(json.dumps({**times, **edits, **kill}, indent=2))
         else:
             screenshots(browser, served.address, options.out)
 

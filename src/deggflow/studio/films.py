@@ -1,6 +1,7 @@
 """Videos for pages, each drawn by a process of its own (`filming`): other answers don't wait for its pictures."""
 
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -109,7 +110,8 @@ def _filmed(folder: Path, job: dict[str, Any], asker: Asker) -> bytes:
     complaints = folder / "complaints.txt"
     command = [sys.executable, "-m", "deggflow.studio.filming", str(folder)]
     with complaints.open("wb") as sink:
-        process = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=sink)
+        alone = {**os.environ, "JAX_PLATFORMS": "cpu"}  # a GPU's memory is the studio's
+        process = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=sink, env=alone)
     with cast(IO[bytes], process.stdin) as pipe:
         try:
             with suppress(BrokenPipeError):  # a process that ended at once has said why

@@ -42,6 +42,16 @@ export class SolidView {
       this.zoom(event.deltaY < 0 ? 1 / ZOOM : ZOOM);
     }, { passive: false });
     this.canvas.addEventListener("keydown", (event) => this.key(event));
+    this.canvas.addEventListener("webglcontextlost", (event) => {
+      event.preventDefault(); // the browser may give another one
+      this.picture?.close();
+    });
+    this.canvas.addEventListener("webglcontextrestored", () => {
+      const orbit = this.picture?.orbit;
+      this.picture = new SolidPicture(this.canvas);
+      if (orbit) this.picture.orbit = orbit;
+      this.refresh();
+    });
   }
 
   /** Another scene, or other requirements; nothing happens while the view is closed. */

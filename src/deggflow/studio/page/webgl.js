@@ -60,11 +60,17 @@ export class SolidPicture {
     /** @type {Orbit} */
     this.orbit = { target: [0, 0, 0], azimuth: 0, elevation: 0.9, distance: 3, angle: 0.5 };
     this.waiting = 0;
-    this.frames = 0; // that were drawn
     gl.enable(gl.DEPTH_TEST);
     gl.enable(gl.CULL_FACE);
     gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
-    new ResizeObserver(() => this.redraw()).observe(canvas);
+    this.observer = new ResizeObserver(() => this.redraw());
+    this.observer.observe(canvas);
+  }
+
+  /** Draws nothing any more. */
+  close() {
+    this.observer.disconnect();
+    cancelAnimationFrame(this.waiting);
   }
 
   /** Other bodies. @param {Body[]} bodies */
@@ -143,7 +149,6 @@ export class SolidPicture {
         gl.drawElements(gl.TRIANGLES, drawable.count, gl.UNSIGNED_INT, 0);
       }
     }
-    this.frames += 1;
   }
 
   /** From the world to the picture, column by column, and the direction to the viewer. @param {number} aspect */
