@@ -1,5 +1,6 @@
 """The studio's web application: the page's files, and a websocket for each page."""
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.resources import files
@@ -19,7 +20,7 @@ from deggflow.blocks import cores
 from .access import Access
 from .conversation import Conversation
 from .desk import AbstractDesk
-from .limits import MAX_MESSAGE, MAX_REQUESTS, MAX_TABS
+from .limits import MAX_MESSAGE, MAX_PAGES, MAX_REQUESTS
 
 _TYPES = {
     "html": "text/html; charset=utf-8",
@@ -66,9 +67,9 @@ def studio_app(
         index: File of the page that the address opens.
     """
     assets = page_assets()
-    tabs = 0
     # Each desk has its own: a long answer of one, such as a video, takes no thread from the others.
     workers = {name: anyio.CapacityLimiter(cores()) for name in desks}
+    pages = Counter[str]()
 
     async def asset(request: Request) -> Response:
         name = request.path_params.get("name") or index
@@ -77,20 +78,19 @@ def studio_app(
         return Response(assets[name].content, media_type=assets[name].type)
 
     async def talk(socket: WebSocket) -> None:
-        nonlocal tabs
         name = socket.path_params["desk"]
         desk = desks.get(name)
         if desk is None:
             await socket.close(1008, f"the studio has desks for {', '.join(desks)} alone")
             return
-        if tabs >= MAX_TABS:
-            await socket.close(1013, f"the studio serves at most {MAX_TABS} pages at once")
+        if pages[name] >= MAX_PAGES:
+            await socket.close(1013, f"the studio serves at most {MAX_PAGES} pages at once")
             return
-        tabs += 1
+        pages[name] += 1
         try:
             await Conversation(socket, desk, workers[name]).run()
         finally:
-            tabs -= 1
+            pages[name] -= 1
 
     routes = [
         WebSocketRoute("/{token}/socket/{desk}", talk),

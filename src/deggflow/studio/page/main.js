@@ -95,11 +95,12 @@ const build = (library, connection) => {
       if (shown.nominal) nominal.draw(shown.condition, shown.nominal.poses, shown.nominal.judgement);
       if (started) replay.reset(shown.trace);
       certificate.draw(shown);
-      solid.refresh();
+      solid.outdated = true;
       report(shown);
       files.showCommand(shown.command, "No command makes this scene: it was edited, comes from a file, or is a draw chosen by hand. Save it instead.");
     }
     handles.refresh();
+    if (shown) solid.follow(handles.dragging.dragging, shown.condition.objects, shown.poses);
     byId("undo-move").hidden = studio.before === null;
     if (studio.slow) say(shown ? "Working." : COMPILING);
     else if (shown) say(summary(shown));

@@ -22,6 +22,7 @@ export class SolidView {
     this.session = session;
     this.fields = fields;
     this.run = latestOnly();
+    this.outdated = true; // what is shown is not what was loaded
     /** @type {SolidPicture | null} */
     this.picture = null;
     /** @type {import("./webgl.js").Orbit | null} of the file's own camera */
@@ -54,9 +55,10 @@ export class SolidView {
     });
   }
 
-  /** Another scene, or other requirements; nothing happens while the view is closed. */
+  /** Loads what is shown, unless the view is closed. */
   refresh() {
     if (!this.details.open) return;
+    this.outdated = false;
     this.run(() => this.session.attempt(async () => {
       this.picture ??= new SolidPicture(this.canvas);
       const { bodies, cameras } = readGlb(bytesOf(await this.session.connection.ask("export", { kind: "glb", ...this.fields() })));
@@ -67,6 +69,17 @@ export class SolidView {
       if (first) this.back();
       this.canvas.dataset.bodies = bodies.map(({ name }) => name).join(" ");
     }));
+  }
+
+  /**
+   * What is shown may be another scene, or have other requirements.
+   * @param {boolean} dragged bodies are only moved until the drag is over: pictures from above come first
+   * @param {string[]} names
+   * @param {Pose[]} poses
+   */
+  follow(dragged, names, poses) {
+    if (dragged) this.move(names, poses);
+    else if (this.outdated) this.refresh();
   }
 
   /** @param {string[]} names @param {Pose[]} poses */
