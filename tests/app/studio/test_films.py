@@ -1,6 +1,5 @@
 """Videos for pages: drawn by a process of their own, followed, and stopped when nobody waits for them."""
 
-import base64
 import subprocess
 
 import pytest
@@ -8,6 +7,7 @@ from imageio_ffmpeg import count_frames_and_secs
 
 from deggflow.jsonl import InputError
 from deggflow.studio.desk import ClosedError
+from deggflow.studio.filming import draw
 from deggflow.studio.films import FilmDesk
 
 CONDITION = {"objects": ["laptop"]}
@@ -38,29 +38,26 @@ def started(monkeypatch):
     return processes
 
 
-def test_a_video_is_followed_and_opens_again(films, tmp_path):
+def test_a_generation_is_drawn(tmp_path):
+    path, told = tmp_path / "scene.mp4", []
+    draw("scene", SCENE, path, lambda *now: told.append(now))
+    assert told == [(1, 2), (2, 2)]
+    assert count_frames_and_secs(str(path))[0] == 2 + 25  # the last one stays for a second
+
+
+def test_a_page_that_closes_stops_its_video(films, started):
+    """It has been told of the first pictures; then its process is gone, and the next video is not kept waiting."""
     told = []
-    made = films.answer("scene", SCENE, lambda: None, told.append)
-    path = tmp_path / made["name"]
-    path.write_bytes(base64.b64decode(made["content"]))
-    frames, _ = count_frames_and_secs(str(path))
-    assert frames == 2 + 25  # the last one stays for a second
-    assert all(part["frames"] == 2 for part in told)
-
-
-def test_a_closed_page_stops_its_video(films, started):
-    """Its process is gone, and the next video is not kept waiting."""
-    checks = []
 
     def check():
-        checks.append(1)
-        if len(checks) > 3:
+        if told:
             raise ClosedError
 
     long = {**SCENE, "tau": [k / 499 for k in range(500)]}
     long.update(nominal=[POSES] * 500, guided=[POSES] * 500)
     with pytest.raises(ClosedError):
-        films.answer("scene", long, check)
+        films.answer("scene", long, check, told.append)
+    assert told[0]["frames"] == 500
     (process,) = started
     assert process.returncode not in (None, 0)
     assert films._filming.acquire(blocking=False)

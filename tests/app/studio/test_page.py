@@ -320,7 +320,7 @@ def test_the_page_survives_a_restart_of_the_server(browser, served):
     page.context.close()
 
 
-EDITS = 8
+EDITS = 6
 
 
 def test_random_edits_leave_no_error_and_no_rubbish(page, tmp_path):

@@ -78,7 +78,9 @@ def test_an_image_with_too_much_in_it_is_refused(tmp_path):
         floor_of_image(checkered)
 
 
-@pytest.mark.parametrize("options", [{"map": "conveyor", "size": 3}, {"conditions": Path("asked.jsonl")}])
+@pytest.mark.parametrize(
+    "options", [{"map": "conveyor", "size": 3}, {"conditions": Path("asked.jsonl")}]
+)
 def test_a_floor_goes_with_drawn_conditions_without_a_map(options):
     with pytest.raises(InputError, match="--floor goes with --size, instead of --map"):
         FleetGenerate(floor=Path("floor.png"), **options)
