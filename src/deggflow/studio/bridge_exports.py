@@ -13,7 +13,6 @@ from deggflow.view.bridge import picture
 from deggflow.view.bridge.mjcf import bridge_mjcf
 from deggflow.view.bridge.moment import moment_of
 from deggflow.view.bridge.stage import BridgeModel
-from deggflow.view.bridge.topview import topview_figure
 from deggflow.view.glb import TYPE, model_glb
 
 from .messages import Export
@@ -27,6 +26,8 @@ def building(trial: Trial) -> Process:
 
 
 def _svg(trial: Trial) -> Export:
+    from deggflow.view.bridge.topview import topview_figure  # brings matplotlib
+
     process, buffer = building(trial), BytesIO()
     figure = topview_figure(moment_of(process, -1), process.robot_goals, process.plank_goal)
     figure.savefig(buffer, format="svg", metadata={"Date": None})

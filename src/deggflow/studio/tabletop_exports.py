@@ -11,12 +11,13 @@ from deggflow.view.glb import TYPE, model_glb
 from deggflow.view.tabletop import render, scene_mjcf
 from deggflow.view.tabletop.mjcf import ASPECT
 from deggflow.view.tabletop.stage import Arrangement, TabletopModel
-from deggflow.view.tabletop.topview import topview_figure
 
 from .messages import Export
 
 
 def _svg(condition: SceneCondition, poses: Poses) -> Export:
+    from deggflow.view.tabletop.topview import topview_figure  # brings matplotlib
+
     figure, buffer = topview_figure(condition, poses), BytesIO()
     figure.savefig(buffer, format="svg", metadata={"Date": None})
     return Export("scene.svg", "image/svg+xml", buffer.getvalue())
