@@ -3,8 +3,6 @@
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
-from scipy.stats import binomtest
-
 MANY = 5_000  # number of cases from which a second decimal is meaningful
 
 
@@ -26,6 +24,8 @@ class Rate(NamedTuple):
 
     def interval(self, confidence: float = 0.95) -> tuple[float, float]:
         """Wilson score interval of the proportion."""
+        from scipy.stats import binomtest  # takes long to import, and most commands have no rates
+
         interval = binomtest(self.successes, self.cases).proportion_ci(confidence, method="wilson")
         return float(interval.low), float(interval.high)
 

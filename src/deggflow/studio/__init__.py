@@ -2,7 +2,7 @@
 
 `deggflow studio` starts a server (`server`) for pages that know its token (`access`). A page and the server exchange
 messages over one websocket (`conversation`); what the server makes of a message is a task's (`tabletop`, `bridge`).
-`show` opens such a page on a sample of any problem in the plane.
+Videos are drawn by processes of their own (`films`). `show` opens such a page on a sample of any problem in the plane.
 """
 
 from typing import TYPE_CHECKING, Any

@@ -1,18 +1,14 @@
 """What the studio does with bridge trials: runs them, shows how policies were generated, reads and writes them."""
 
-import base64
 import json
-import shlex
 from collections.abc import Callable
 from functools import lru_cache
-from io import BytesIO
 from threading import Lock
 from typing import Any
 
 import numpy as np
 
-from deggflow.jsonl import InputError, expect_choice, expect_integer, parse_line, parse_lines
-from deggflow.schema import parse_as
+from deggflow.jsonl import expect_choice, expect_integer, parse_line
 from deggflow.tasks.bridge import world
 from deggflow.tasks.bridge.condition import BridgeCondition
 from deggflow.tasks.bridge.consistency import contradictions
@@ -29,9 +25,9 @@ from deggflow.tasks.bridge.verdict import bridges, margins
 from deggflow.view.bridge.parts import ACCENTS
 from deggflow.view.bridge.results import regenerate
 
-from .bridge_exports import BRIDGE_EXPORTS
+from .bridge_exports import TRIAL_EXPORTS
+from .bridge_margins import least_margins
 from .bridge_messages import (
-    Open,
     Placed,
     PolicyCourse,
     Random,
@@ -41,15 +37,13 @@ from .bridge_messages import (
     number_of_policy,
     settings,
 )
-from .conversation import AbstractDesk, Fields, Tell, unheard
-from .messages import Nothing
+from .desk import NOBODY, Answers, Asker, TaskDesk
+from .messages import Nothing, Open, command
 
-MAX_TRIALS = 200  # of a file that is opened
 LIMITS = 4  # speed limits whose compiled programs are kept
-Check = Callable[[], None]
 
 
-class BridgeDesk(AbstractDesk):
+class BridgeDesk(TaskDesk):
     """Answers pages on the bridge. Compiled programs and recomputed trials are shared by all pages, and nothing else."""
 
     def __init__(self, load_field: Callable[[], BridgeField]) -> None:
@@ -59,8 +53,11 @@ class BridgeDesk(AbstractDesk):
         self._conditions = lru_cache(maxsize=8)(self._new_conditions)
         self._nominal = lru_cache(maxsize=32)(self._new_nominal)
         self._generating = Lock()  # two threads would compile the same program twice
-        self._answers: dict[str, tuple[type[Any], Callable[..., dict[str, Any]]]] = {
-            "world": (Nothing, lambda request, check, tell: dimensions()),
+
+    def answers(self) -> Answers:
+        """Trials, the courses of their policies, random conditions and files."""
+        return {
+            "world": (Nothing, lambda request, asker: dimensions()),
             "random": (Random, self._random),
             "placed": (Placed, self._placed),
             "run": (Run, self._run),
@@ -69,17 +66,10 @@ class BridgeDesk(AbstractDesk):
             "export": (Write, self._export),
         }
 
-    def answer(
-        self, ask: str, fields: Fields, check: Check, tell: Tell = unheard
-    ) -> dict[str, Any]:
-        """The answer to one message; of a trial, its policies are told one by one."""
-        kind, respond = self._answers[expect_choice(ask, "ask", self._answers)]
-        return respond(parse_as(kind, dict(fields)), check, tell)
-
     def warm_up(self) -> None:
         """Compiles what the first page asks for, before it does."""
         condition = random_conditions(4, 1, 0)[0]
-        self._run(Run(condition.to_json(), 0, MAX_DRAWS, None), lambda: None, unheard)
+        self._run(Run(condition.to_json(), 0, MAX_DRAWS, None), NOBODY)
 
     def _new_generator(self, guided: bool, speed_limit: float | None) -> BridgeGenerator:
         return trial_generator(self._field(), guided=guided, speed_limit=speed_limit)
@@ -92,30 +82,30 @@ class BridgeDesk(AbstractDesk):
     def _new_nominal(self, asked: Settings) -> Trial:
         return self._generator(False, None).trials([asked.condition], seed=asked.seed)[0]
 
-    def _random(self, request: Random, check: Check, tell: Tell) -> dict[str, Any]:
+    def _random(self, request: Random, asker: Asker) -> dict[str, Any]:
         size = expect_integer(request.size, "size", world.MIN_ROBOTS, world.MAX_ROBOTS)
         seed = expect_integer(request.seed, "seed", 0, MAX_SEED)
         return {"condition": random_conditions(size, 1, seed)[0].to_json()}
 
-    def _placed(self, request: Placed, check: Check, tell: Tell) -> dict[str, Any]:
+    def _placed(self, request: Placed, asker: Asker) -> dict[str, Any]:
         condition = parse_condition(request.condition, "condition")
         return {"start": _trouble(condition.plank, condition.contacts, False),
                 "goal": _trouble(condition.goal, condition.contacts, True)}  # fmt: skip
 
-    def _run(self, request: Run, check: Check, tell: Tell) -> dict[str, Any]:
+    def _run(self, request: Run, asker: Asker) -> dict[str, Any]:
         asked, told = settings(request), 1
 
         def on_policy(progress: Progress) -> None:
             nonlocal told
-            check()
+            asker.check()
             new, told = progress.poses[told:].tolist(), len(progress.poses)
-            tell({"poses": new, "policy": progress.record.to_json()})
+            asker.tell({"poses": new, "policy": progress.record.to_json()})
 
         with self._generating:
             (trials,) = self._generator(True, asked.speed_limit).stream(
                 [asked.condition], seed=asked.seed, max_draws=asked.max_draws, on_policy=on_policy
             )
-            check()
+            asker.check()
             nominal = self._nominal(asked._replace(max_draws=1, speed_limit=None))
         trial = trials[0]
         outcome = {"success": nominal.success, "reason": nominal.reason}
@@ -126,10 +116,10 @@ class BridgeDesk(AbstractDesk):
                 "twists": nominal.twists.tolist(),
                 **outcome,
             },
-            "command": command(asked),
+            "command": _command(asked),
         }
 
-    def _course(self, request: PolicyCourse, check: Check, tell: Tell) -> dict[str, Any]:
+    def _course(self, request: PolicyCourse, asker: Asker) -> dict[str, Any]:
         number = expect_integer(request.number, "number", 0, MAX_SEED)
         with self._generating:
             trial, conditions = self._conditions(request.line, number)
@@ -138,29 +128,20 @@ class BridgeDesk(AbstractDesk):
             draw = policies[policy].draws
             noise = initial_noise(trial.seed, np.array([number]), policy, draw - 1)[0]
             generator = self._generator(True, trial.certificate.speed_limit).of_draw(draw)
-            check()
+            asker.check()
             return guided_course(generator, noise, conditions[policy]).to_json()
 
-    def _open(self, request: Open, check: Check, tell: Tell) -> dict[str, Any]:
+    def _open(self, request: Open, asker: Asker) -> dict[str, Any]:
         def parse(value: Any) -> dict[str, Any]:
-            check()
             if isinstance(value, dict) and "condition" in value:
                 return examined(parse_trial(value))
             return {"condition": parse_condition(value).to_json()}
 
-        content = BytesIO(request.text.encode("utf-8", "surrogatepass"))
-        rows = parse_lines(content, request.name, parse, "bridge condition or trial")
-        if len(rows) > MAX_TRIALS:
-            raise InputError(
-                f"has {len(rows)} lines; the studio opens at most {MAX_TRIALS}", file=request.name
-            )
-        return {"rows": rows}
+        return request.rows(parse, "bridge condition or trial", asker.check)
 
-    def _export(self, request: Write, check: Check, tell: Tell) -> dict[str, Any]:
-        kind = expect_choice(request.kind, "kind", BRIDGE_EXPORTS)
-        export = BRIDGE_EXPORTS[kind](_parsed(request.line))
-        content = base64.b64encode(export.content).decode()
-        return {"name": export.name, "type": export.type, "content": content}
+    def _export(self, request: Write, asker: Asker) -> dict[str, Any]:
+        kind = expect_choice(request.kind, "kind", TRIAL_EXPORTS)
+        return TRIAL_EXPORTS[kind](_parsed(request.line)).to_json()
 
 
 def _parsed(line: str) -> Trial:
@@ -189,19 +170,15 @@ def _trouble(pose: Any, contacts: Any, is_goal: bool) -> str | None:
 
 
 def examined(trial: Trial) -> dict[str, Any]:
-    """A trial's line as it stands in a file, and what independent checks find wrong with it; None if nothing."""
+    """A trial's line as it stands in a file, its margins, and what independent checks find wrong with it."""
     line = json.dumps(trial.to_json(), allow_nan=False)
     value = json.loads(line)
     wrong = [refutation(value), *(str(each) for each in contradictions(value))]
-    return {"line": line, "refuted": next((each for each in wrong if each is not None), None)}
+    refuted = next((each for each in wrong if each is not None), None)
+    return {"line": line, "refuted": refuted, "margins": least_margins(trial)}
 
 
-def command(asked: Settings) -> str:
-    """The command that makes the trial, for a POSIX shell."""
-    condition = shlex.quote(json.dumps(asked.condition.to_json()))
-    draws = "" if asked.max_draws == MAX_DRAWS else f" --max-draws {asked.max_draws}"
-    limit = "" if asked.speed_limit is None else f" --speed-limit {asked.speed_limit!r}"
-    return (
-        f"echo {condition} > condition.jsonl\n"
-        f"deggflow bridge generate --conditions condition.jsonl --seed {asked.seed}{draws}{limit} --out trial.jsonl"
-    )
+def _command(asked: Settings) -> str:
+    draws = None if asked.max_draws == MAX_DRAWS else asked.max_draws
+    options = {"max-draws": draws, "speed-limit": asked.speed_limit}
+    return command("bridge", asked.condition.to_json(), asked.seed, options, "trial.jsonl")

@@ -66,24 +66,11 @@ class PolicyCourse:
 
 
 @dataclass(frozen=True)
-class Open:
-    """A file's trials or conditions are to be read.
-
-    Attributes:
-        name: Of the file, for messages.
-        text: Its content.
-    """
-
-    name: str
-    text: str
-
-
-@dataclass(frozen=True)
 class Write:
     """A file is asked for.
 
     Attributes:
-        kind: A key of `BRIDGE_EXPORTS`.
+        kind: A key of `TRIAL_EXPORTS`.
         line: A trial as it stands in a file.
     """
 

@@ -71,7 +71,7 @@ def studio(
 
 def _late_desks(weights: Path | None, bridge_weights: Path | None) -> dict[str, Any]:
     """Desks that are imported, with JAX, by the first thread that needs them: the page is served at once."""
-    from .conversation import LateDesk
+    from .desk import LateDesk
 
     def tabletop() -> Any:
         prepare_jax()
@@ -89,7 +89,12 @@ def _late_desks(weights: Path | None, bridge_weights: Path | None) -> dict[str, 
 
         return BridgeDesk(lambda: load_field(bridge_weights))
 
-    return {"tabletop": LateDesk(tabletop), "bridge": LateDesk(bridge)}
+    def film() -> Any:
+        from .films import FilmDesk
+
+        return FilmDesk()
+
+    return {"tabletop": LateDesk(tabletop), "bridge": LateDesk(bridge), "film": LateDesk(film)}
 
 
 def _warm_up(desk: Any) -> None:

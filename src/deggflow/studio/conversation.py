@@ -3,10 +3,8 @@
 import json
 import sys
 import traceback
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
-from threading import Lock
 from typing import Any
 
 import anyio
@@ -16,73 +14,10 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from deggflow.jsonl import InputError, expect_integer, expect_text, parse_line
 
+from .desk import AbstractDesk, ClosedError
 from .limits import MAX_MESSAGE, MAX_WAITING, RateLimit
 
 _MAX_ID = 2**53 - 1  # integers that a page counts without rounding
-
-Fields = Mapping[str, Any]
-"""A message without its "id" and "ask"."""
-
-
-Tell = Callable[[Mapping[str, Any]], None]
-"""Sends the page a part of an answer that is still being made, as a JSON object."""
-
-
-def unheard(part: Mapping[str, Any]) -> None:
-    """Sends nothing: for callers who want the answer alone."""
-
-
-class ClosedError(Exception):
-    """The page was closed: nobody waits for the answer."""
-
-
-class AbstractDesk(ABC):
-    """Answers the messages of all pages; keeps nothing of one that another one could see."""
-
-    @abstractmethod
-    def answer(
-        self, ask: str, fields: Fields, check: Callable[[], None], tell: Tell = unheard
-    ) -> dict[str, Any]:
-        """The answer to one message, as a JSON object.
-
-        Args:
-            ask: What the page asks for.
-            fields: The rest of the message, as yet unchecked.
-            check: To be called now and then during long work; raises `ClosedError` if the page is gone.
-            tell: Sends parts of the answer ahead; raises `ClosedError`, too.
-
-        Raises:
-            InputError: The message, or what it asks for, is invalid.
-        """
-
-    @abstractmethod
-    def warm_up(self) -> None:
-        """Does ahead what the first page will have to wait for."""
-
-
-class LateDesk(AbstractDesk):
-    """A desk that is loaded when it is first needed."""
-
-    def __init__(self, load: Callable[[], AbstractDesk]) -> None:
-        """Args: load: called once."""
-        self._load, self._loading = load, Lock()
-        self._desk: AbstractDesk | None = None
-
-    def answer(
-        self, ask: str, fields: Fields, check: Callable[[], None], tell: Tell = unheard
-    ) -> dict[str, Any]:
-        """As the desk answers."""
-        return self._loaded().answer(ask, fields, check, tell)
-
-    def warm_up(self) -> None:
-        """Loads the desk, and warms it up."""
-        self._loaded().warm_up()
-
-    def _loaded(self) -> AbstractDesk:
-        with self._loading:
-            if self._desk is None:
-                self._desk = self._load()
-            return self._desk
 
 
 class Conversation:

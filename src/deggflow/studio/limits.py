@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from time import monotonic
 
 MAX_MESSAGE = 4 << 20  # bytes
-MAX_TABS = 8  # pages that are connected at once
+MAX_PAGES = 8  # that are connected to one desk at once
 MAX_REQUESTS = 64  # that are answered at once, websockets included
 MAX_WAITING = 16  # messages of one page that wait for an answer
 RATE, BURST = 60.0, 120.0  # messages of one page: each second, and at once

@@ -1,18 +1,16 @@
-"""What a page may ask of the tabletop, and how it is checked."""
+"""What a page may ask of any task, and how it is answered."""
 
+import base64
+import json
+import shlex
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from io import BytesIO
+from typing import Any, NamedTuple
 
-import numpy as np
+from deggflow.jsonl import InputError, parse_lines
 
-from deggflow.jsonl import InputError, expect_list, expect_number
-from deggflow.tasks.tabletop.condition import SceneCondition
-from deggflow.tasks.tabletop.formats import parse_condition
-from deggflow.tasks.tabletop.large import is_large
-from deggflow.tasks.tabletop.library import MAX_OBJECTS
-from deggflow.tasks.tabletop.verdict import Poses
-
-MAX_POSE = 1e6  # m or rad, as in files
+MAX_ROWS = 200  # of a file that is opened
 
 
 @dataclass(frozen=True)
@@ -21,85 +19,8 @@ class Nothing:
 
 
 @dataclass(frozen=True)
-class Generate:
-    """A scene is asked for.
-
-    Attributes:
-        condition: As in a file.
-        seed: As of the command.
-        max_draws: As of the command.
-        draw: Number from 0 of the only draw to make; None: the first that is satisfied, as the command.
-    """
-
-    condition: Any
-    seed: int
-    max_draws: int
-    draw: int | None
-
-
-@dataclass(frozen=True)
-class Replay:
-    """The generation of one draw is asked for.
-
-    Attributes:
-        condition: As in a file.
-        seed: Of the scene.
-        draw: Number from 0.
-        poses: Of the scene, which the replay ends at.
-    """
-
-    condition: Any
-    seed: int
-    draw: int
-    poses: Any
-
-
-@dataclass(frozen=True)
-class Judge:
-    """A verdict on poses is asked for.
-
-    Attributes:
-        condition: As in a file.
-        poses: x, y (m) and theta (rad) of each object.
-    """
-
-    condition: Any
-    poses: Any
-
-
-@dataclass(frozen=True)
-class Claim:
-    """A line is asked for that says what is true of poses set by hand.
-
-    Attributes:
-        condition: As in a file.
-        poses: x, y (m) and theta (rad) of each object.
-        seed: Of the scene that the poses were changed from.
-    """
-
-    condition: Any
-    poses: Any
-    seed: int
-
-
-@dataclass(frozen=True)
-class Draw:
-    """Random objects and requirements are asked for.
-
-    Attributes:
-        size: Number of objects.
-        family: As --requirements of the command.
-        seed: As of the command.
-    """
-
-    size: int
-    family: str
-    seed: int
-
-
-@dataclass(frozen=True)
 class Open:
-    """A file's scenes or conditions are to be read.
+    """A file's results or conditions are to be read.
 
     Attributes:
         name: Of the file, for messages.
@@ -109,58 +30,66 @@ class Open:
     name: str
     text: str
 
+    def rows(
+        self, parse: Callable[[Any], dict[str, Any]], what: str, check: Callable[[], None]
+    ) -> dict[str, Any]:
+        """The file's rows, parsed.
 
-@dataclass(frozen=True)
-class Write:
-    """A file is asked for.
+        Args:
+            parse: Makes of a line's value what the page is told.
+            what: The lines hold, for messages.
+            check: Called before each line; may raise to stop.
+
+        Raises:
+            InputError: A line is invalid, or there are more than `MAX_ROWS`.
+        """
+
+        def parsed(value: Any) -> dict[str, Any]:
+            check()
+            return parse(value)
+
+        content = BytesIO(self.text.encode("utf-8", "surrogatepass"))
+        rows = parse_lines(content, self.name, parsed, what)
+        if len(rows) > MAX_ROWS:
+            raise InputError(
+                f"has {len(rows)} lines; the studio opens at most {MAX_ROWS}", file=self.name
+            )
+        return {"rows": rows}
+
+
+class Export(NamedTuple):
+    """A file, made in memory.
 
     Attributes:
-        kind: A key of `EXPORTS`.
+        name: Suggested to the user.
+        type: Its media type.
+        content: What it holds.
+    """
+
+    name: str
+    type: str
+    content: bytes
+
+    def to_json(self) -> dict[str, Any]:
+        """The file as a page is sent it: its content in base64."""
+        content = base64.b64encode(self.content).decode()
+        return {"name": self.name, "type": self.type, "content": content}
+
+
+def command(
+    task: str, condition: Any, seed: int, options: Mapping[str, int | float | None], out: str
+) -> str:
+    """The command that makes a result, for a POSIX shell.
+
+    Args:
+        task: Its name on the command line.
         condition: As in a file.
-        poses: x, y (m) and theta (rad) of each object.
+        seed: As of the command.
+        options: Further options by their names without dashes; those with None are left out.
+        out: Name of the file that the command writes.
     """
-
-    kind: str
-    condition: Any
-    poses: Any
-
-
-def studio_condition(value: Any, field: str = "condition") -> SceneCondition:
-    """A condition of the page.
-
-    Raises:
-        InputError: It is invalid, or one of a large scene.
-    """
-    condition = parse_condition(value, field)
-    if is_large(condition):
-        raise InputError(
-            f"the studio shows up to {MAX_OBJECTS} objects of different types; `deggflow tabletop` makes large scenes",
-            field=f"{field}.objects".lstrip("."),
-        )
-    return condition
-
-
-def parse_poses(value: Any, condition: SceneCondition) -> Poses:
-    """Poses of the page's message, in the condition's order.
-
-    Raises:
-        InputError: They are not three numbers for each object.
-    """
-    rows = expect_list(value, "poses")
-    if len(rows) != len(condition.objects):
-        raise InputError(
-            f"must hold {len(condition.objects)} poses, one for each object; got {len(rows)}",
-            field="poses",
-        )
-    out = []
-    for k, row in enumerate(rows):
-        numbers = expect_list(row, f"poses[{k}]")
-        if len(numbers) != 3:
-            raise InputError(f"must hold x, y and theta; got {len(numbers)}", field=f"poses[{k}]")
-        out.append(
-            [
-                expect_number(each, f"poses[{k}][{j}]", -MAX_POSE, MAX_POSE, "")
-                for j, each in enumerate(numbers)
-            ]
-        )
-    return np.array(out, np.float64)
+    given = "".join(f" --{name} {value!r}" for name, value in options.items() if value is not None)
+    return (
+        f"echo {shlex.quote(json.dumps(condition))} > condition.jsonl\n"
+        f"deggflow {task} generate --conditions condition.jsonl --seed {seed}{given} --out {out}"
+    )

@@ -1,5 +1,6 @@
 """The studio's web application: the page's files, and a websocket for each page."""
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.resources import files
@@ -17,8 +18,9 @@ from starlette.websockets import WebSocket
 from deggflow.blocks import cores
 
 from .access import Access
-from .conversation import AbstractDesk, Conversation
-from .limits import MAX_MESSAGE, MAX_REQUESTS, MAX_TABS
+from .conversation import Conversation
+from .desk import AbstractDesk
+from .limits import MAX_MESSAGE, MAX_PAGES, MAX_REQUESTS
 
 _TYPES = {
     "html": "text/html; charset=utf-8",
@@ -65,8 +67,9 @@ def studio_app(
         index: File of the page that the address opens.
     """
     assets = page_assets()
-    tabs = 0
-    workers = anyio.CapacityLimiter(cores())
+    # Each desk has its own: a long answer of one, such as a video, takes no thread from the others.
+    workers = {name: anyio.CapacityLimiter(cores()) for name in desks}
+    pages = Counter[str]()
 
     async def asset(request: Request) -> Response:
         name = request.path_params.get("name") or index
@@ -75,19 +78,19 @@ def studio_app(
         return Response(assets[name].content, media_type=assets[name].type)
 
     async def talk(socket: WebSocket) -> None:
-        nonlocal tabs
-        desk = desks.get(socket.path_params["desk"])
+        name = socket.path_params["desk"]
+        desk = desks.get(name)
         if desk is None:
             await socket.close(1008, f"the studio has desks for {', '.join(desks)} alone")
             return
-        if tabs >= MAX_TABS:
-            await socket.close(1013, f"the studio serves at most {MAX_TABS} pages at once")
+        if pages[name] >= MAX_PAGES:
+            await socket.close(1013, f"the studio serves at most {MAX_PAGES} pages at once")
             return
-        tabs += 1
+        pages[name] += 1
         try:
-            await Conversation(socket, desk, workers).run()
+            await Conversation(socket, desk, workers[name]).run()
         finally:
-            tabs -= 1
+            pages[name] -= 1
 
     routes = [
         WebSocketRoute("/{token}/socket/{desk}", talk),

@@ -16,7 +16,7 @@ from deggflow.jsonl import expect_choice
 from deggflow.requirements.layout import Layout
 
 from .access import new_token
-from .conversation import AbstractDesk, Fields, Tell, unheard
+from .desk import AbstractDesk, Fields, Tell, unheard
 from .problem import Regions, problem_json
 from .server import StudioServer, studio_app
 

@@ -12,7 +12,7 @@ from deggflow.tasks.tabletop.oracle import least_margin
 from deggflow.tasks.tabletop.verdict import BUFFER, Poses, all_margins, describe, judge
 from deggflow.view.tabletop.gaps import gap_of
 from deggflow.view.tabletop.marks import marks_of
-from deggflow.view.tabletop.topview import footprints, silhouettes
+from deggflow.view.tabletop.outlines import footprints, silhouettes
 
 NAMED = 6  # breaches that are named on a picture
 

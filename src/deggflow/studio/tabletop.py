@@ -1,12 +1,9 @@
 """What the studio does with scenes: makes them, judges them, replays their generation, reads and writes them."""
 
-import base64
 import json
-import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import lru_cache
-from io import BytesIO
 from threading import Lock
 from typing import Any
 
@@ -14,8 +11,7 @@ import numpy as np
 
 from deggflow.certificate import Certificate
 from deggflow.flow import Field
-from deggflow.jsonl import InputError, expect_choice, expect_integer, parse_lines
-from deggflow.schema import parse_as
+from deggflow.jsonl import expect_choice, expect_integer
 from deggflow.tasks.tabletop.changes import random_conditions
 from deggflow.tasks.tabletop.condition import SceneCondition
 from deggflow.tasks.tabletop.formats import MAX_SEED, parse_scene
@@ -26,27 +22,25 @@ from deggflow.tasks.tabletop.settled import judge_generated
 from deggflow.tasks.tabletop.task import scene_generator
 from deggflow.tasks.tabletop.verdict import Poses, judge
 
-from .conversation import AbstractDesk, Fields, Tell, unheard
-from .exports import EXPORTS, Export
-from .messages import (
+from .desk import NOBODY, Answers, Asker, TaskDesk
+from .messages import Nothing, Open, command
+from .shown import judgement, library, rounded
+from .tabletop_exports import SCENE_EXPORTS
+from .tabletop_messages import (
     Claim,
     Draw,
     Generate,
     Judge,
-    Nothing,
-    Open,
     Replay,
     Write,
     parse_poses,
     studio_condition,
 )
-from .shown import judgement, library, rounded
 
-MAX_SCENES = 200  # of a file that is opened
 FAMILIES = ("default", "changed", "opposite", "side", "larger", "combined", "balanced")
 
 
-class TabletopDesk(AbstractDesk):
+class TabletopDesk(TaskDesk):
     """Answers pages on the tabletop task. Compiled programs are shared by all pages, and nothing else."""
 
     def __init__(self, load_field: Callable[[], Field]) -> None:
@@ -56,8 +50,11 @@ class TabletopDesk(AbstractDesk):
         # One at a time: two threads would compile the same program twice.
         self._loading, self._generating, self._replaying = Lock(), Lock(), Lock()
         self._nominal = lru_cache(maxsize=32)(self._nominal_poses)
-        self._answers: dict[str, tuple[type[Any], Callable[..., dict[str, Any]]]] = {
-            "library": (Nothing, lambda request, check: library()),
+
+    def answers(self) -> Answers:
+        """Scenes, verdicts, replays, random conditions and files."""
+        return {
+            "library": (Nothing, lambda request, asker: library()),
             "generate": (Generate, self._generate),
             "replay": (Replay, self._replay),
             "judge": (Judge, self._judge),
@@ -66,13 +63,6 @@ class TabletopDesk(AbstractDesk):
             "open": (Open, self._open),
             "export": (Write, self._export),
         }
-
-    def answer(
-        self, ask: str, fields: Fields, check: Callable[[], None], tell: Tell = unheard
-    ) -> dict[str, Any]:
-        """The answer to one message."""
-        kind, respond = self._answers[expect_choice(ask, "ask", self._answers)]
-        return respond(parse_as(kind, dict(fields)), check)
 
     def _generators(self) -> tuple[TabletopGenerator, TabletopGenerator]:
         """The nominal and the guided one, those of the commands."""
@@ -86,11 +76,11 @@ class TabletopDesk(AbstractDesk):
         """Compiles what the first page asks for, before it does."""
         condition = random_conditions(8, 1, "changed", 0)[0]
         request = Generate(condition.to_json(), 0, MAX_DRAWS, None)
-        scene = json.loads(self._generate(request, lambda: None)["line"])
+        scene = json.loads(self._generate(request, NOBODY)["line"])
         poses = [[item["x"], item["y"], item["theta"]] for item in scene["objects"]]
-        self._replay(Replay(condition.to_json(), 0, 0, poses), lambda: None)
+        self._replay(Replay(condition.to_json(), 0, 0, poses), NOBODY)
 
-    def _generate(self, request: Generate, check: Callable[[], None]) -> dict[str, Any]:
+    def _generate(self, request: Generate, asker: Asker) -> dict[str, Any]:
         condition = studio_condition(request.condition)
         seed = expect_integer(request.seed, "seed", 0, MAX_SEED)
         max_draws = expect_integer(request.max_draws, "max_draws", 1, MAX_DRAWS)
@@ -98,7 +88,7 @@ class TabletopDesk(AbstractDesk):
 
         def on_draw(number: int, scene: Scene) -> None:
             drawn.append(scene)
-            check()
+            asker.check()
 
         with self._generating:
             guided = self._generators()[1]
@@ -122,7 +112,7 @@ class TabletopDesk(AbstractDesk):
                 "poses": rounded(nominal),
                 "judgement": judgement(condition, nominal, breaches_only=True),
             },
-            "command": None if request.draw is not None else command(scene, max_draws),
+            "command": None if request.draw is not None else _command(scene, max_draws),
         }
 
     def _nominal_poses(
@@ -133,7 +123,7 @@ class TabletopDesk(AbstractDesk):
         batch = self._generators()[0].batch(_noise(seed, draw), [condition])
         return judge_generated([condition], batch.poses).poses[0]
 
-    def _replay(self, request: Replay, check: Callable[[], None]) -> dict[str, Any]:
+    def _replay(self, request: Replay, asker: Asker) -> dict[str, Any]:
         condition = studio_condition(request.condition)
         poses = parse_poses(request.poses, condition)
         seed = expect_integer(request.seed, "seed", 0, MAX_SEED)
@@ -142,7 +132,7 @@ class TabletopDesk(AbstractDesk):
         z0, paths = _noise(seed, draw)[0], {}
         with self._replaying:
             for name, generator in (("nominal", nominal), ("guided", guided)):
-                check()
+                asker.check()
                 path = generator.path(z0, condition)
                 paths[name] = judge_generated([condition] * len(path), path).poses
         # This program rounds differently from the one that made the scene; the last picture is the scene.
@@ -154,11 +144,11 @@ class TabletopDesk(AbstractDesk):
             **{name: [rounded(each) for each in path] for name, path in paths.items()},
         }
 
-    def _judge(self, request: Judge, check: Callable[[], None]) -> dict[str, Any]:
+    def _judge(self, request: Judge, asker: Asker) -> dict[str, Any]:
         condition = studio_condition(request.condition)
         return judgement(condition, parse_poses(request.poses, condition))
 
-    def _line(self, request: Claim, check: Callable[[], None]) -> dict[str, Any]:
+    def _line(self, request: Claim, asker: Asker) -> dict[str, Any]:
         condition = studio_condition(request.condition)
         poses = parse_poses(request.poses, condition)
         seed = expect_integer(request.seed, "seed", 0, MAX_SEED)
@@ -167,36 +157,25 @@ class TabletopDesk(AbstractDesk):
         claim = Certificate(verdict.satisfied, verdict.min_margin, verdict.violation, 1, reason)
         return written(Scene(condition, poses, claim, seed))
 
-    def _draw(self, request: Draw, check: Callable[[], None]) -> dict[str, Any]:
-        if request.family not in FAMILIES:
-            raise InputError(f"must be one of {', '.join(FAMILIES)}", field="family")
+    def _draw(self, request: Draw, asker: Asker) -> dict[str, Any]:
+        family = expect_choice(request.family, "family", FAMILIES)
         size = expect_integer(request.size, "size", 1, MAX_OBJECTS)
         seed = expect_integer(request.seed, "seed", 0, MAX_SEED)
-        (condition,) = random_conditions(size, 1, request.family, seed)
+        (condition,) = random_conditions(size, 1, family, seed)
         return {"condition": condition.to_json()}
 
-    def _open(self, request: Open, check: Callable[[], None]) -> dict[str, Any]:
+    def _open(self, request: Open, asker: Asker) -> dict[str, Any]:
         def parse(value: Any) -> dict[str, Any]:
-            check()
             if isinstance(value, dict) and "condition" in value:
                 return written(parse_scene(_shown(value, "condition.")))
             return {"condition": _shown(value)}
 
-        content = BytesIO(request.text.encode("utf-8", "surrogatepass"))
-        rows = parse_lines(content, request.name, parse, "tabletop condition or scene")
-        if len(rows) > MAX_SCENES:
-            raise InputError(
-                f"has {len(rows)} lines; the studio opens at most {MAX_SCENES}", file=request.name
-            )
-        return {"rows": rows}
+        return request.rows(parse, "tabletop condition or scene", asker.check)
 
-    def _export(self, request: Write, check: Callable[[], None]) -> dict[str, Any]:
-        if request.kind not in EXPORTS:
-            raise InputError(f"must be one of {', '.join(EXPORTS)}", field="kind")
+    def _export(self, request: Write, asker: Asker) -> dict[str, Any]:
+        kind = expect_choice(request.kind, "kind", SCENE_EXPORTS)
         condition = studio_condition(request.condition)
-        export: Export = EXPORTS[request.kind](condition, parse_poses(request.poses, condition))
-        content = base64.b64encode(export.content).decode()
-        return {"name": export.name, "type": export.type, "content": content}
+        return SCENE_EXPORTS[kind](condition, parse_poses(request.poses, condition)).to_json()
 
 
 def _noise(seed: int, draw: int) -> Any:
@@ -222,11 +201,7 @@ def written(scene: Scene) -> dict[str, Any]:
     return {"line": json.dumps(scene.to_json(), allow_nan=False), "trace": trace}
 
 
-def command(scene: Scene, max_draws: int) -> str:
-    """The command that makes the scene, for a POSIX shell."""
-    condition = shlex.quote(json.dumps(scene.condition.to_json()))
-    limit = "" if max_draws == MAX_DRAWS else f" --max-draws {max_draws}"
-    return (
-        f"echo {condition} > condition.jsonl\n"
-        f"deggflow tabletop generate --conditions condition.jsonl --seed {scene.seed}{limit} --out scene.jsonl"
-    )
+def _command(scene: Scene, max_draws: int) -> str:
+    limit = None if max_draws == MAX_DRAWS else max_draws
+    asked = scene.condition.to_json()
+    return command("tabletop", asked, scene.seed, {"max-draws": limit}, "scene.jsonl")

@@ -2,7 +2,7 @@
 
 import subprocess
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from itertools import chain
 from typing import IO, cast
@@ -30,6 +30,16 @@ def even(
     rows, columns = image.shape[:2]
     pad = ((0, rows % 2), (0, columns % 2), (0, 0))
     return np.pad(image, pad, constant_values=255)
+
+
+def counted(
+    frames: Iterator[Sheet], total: int, on_frame: Callable[[int, int], None] | None
+) -> Iterator[Sheet]:
+    """The frames; after each, `on_frame` is told how many there have been, and of how many."""
+    for count, each in enumerate(frames, start=1):
+        yield each
+        if on_frame is not None:
+            on_frame(count, total)
 
 
 def write_frames(

@@ -15,6 +15,7 @@ for package in ("starlette", "uvicorn", "websockets", "httpx2"):
     pytest.importorskip(package, reason=EXTRA)
 
 from deggflow.studio.bridge import BridgeDesk  # noqa: E402
+from deggflow.studio.films import FilmDesk  # noqa: E402
 from deggflow.studio.server import StudioServer, studio_app  # noqa: E402
 from deggflow.studio.tabletop import TabletopDesk  # noqa: E402
 from deggflow.tasks.bridge.field import load_field as load_bridge_field  # noqa: E402
@@ -66,7 +67,7 @@ class Served:
 
 @pytest.fixture(scope="session")
 def served(desk, bridge_desk):
-    studio = Served({"tabletop": desk, "bridge": bridge_desk})
+    studio = Served({"tabletop": desk, "bridge": bridge_desk, "film": FilmDesk()})
     yield studio
     studio.stop()
 

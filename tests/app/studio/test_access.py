@@ -6,7 +6,7 @@ import pytest
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
-from deggflow.studio.conversation import AbstractDesk
+from deggflow.studio.desk import AbstractDesk
 from deggflow.studio.server import page_assets, studio_app
 
 TOKEN, HOST = "a-token-of-the-tests", "127.0.0.1:8765"

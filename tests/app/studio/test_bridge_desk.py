@@ -2,26 +2,21 @@
 
 import base64
 import json
+import math
 import shlex
-import subprocess
-import sys
 from io import BytesIO
 from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
 import pytest
+from imageio_ffmpeg import count_frames_and_secs
 from PIL import Image
 
 from deggflow.jsonl import InputError
+from deggflow.studio.filming import draw
 from deggflow.tasks.bridge.oracle import refutation
 
-# In a process of its own, as imageio's reader forks, against which JAX warns.
-READ = """
-import sys
-import imageio.v3 as iio
-print(*iio.imread(sys.argv[1], plugin="FFMPEG").shape)
-"""
 SETTINGS = {"seed": 1, "max_draws": 8, "speed_limit": None}
 
 
@@ -125,18 +120,27 @@ def test_every_export_opens_again(bridge, ran):
         assert picture.size == (1280, 720)
     model = mujoco.MjModel.from_xml_string(content("mjcf").decode())
     assert model.body("robot_4").mocapid[0] >= 0
+    model = content("glb")
+    size = int.from_bytes(model[12:16], "little")
+    names = {node.get("name") for node in json.loads(model[20 : 20 + size])["nodes"]}
+    assert names >= {"plank", "robot_1", "robot_4"}
 
 
-@pytest.mark.filterwarnings("ignore:os.fork:RuntimeWarning")  # JAX's, of the encoder's process
-def test_the_video_opens_again(bridge, ran, tmp_path):
+def test_the_video_opens_again(ran, tmp_path):
     """Of the first two actions: five pictures, and a second of the last."""
     start = {**ran[2], "twists": ran[2]["twists"][:2], "poses": ran[2]["poses"][:3]}
-    made = bridge("export", kind="mp4", line=json.dumps(start))
-    path = tmp_path / made["name"]
-    path.write_bytes(base64.b64decode(made["content"]))
-    done = subprocess.run(
-        [sys.executable, "-c", READ, str(path)], check=True, capture_output=True, text=True
-    )
-    frames, _, width, _ = map(int, done.stdout.split())
+    path, told = tmp_path / "trial.mp4", []
+    draw("trial", {"line": json.dumps(start)}, path, lambda *now: told.append(now))
+    assert told == [(k + 1, 5) for k in range(5)]
+    frames, _ = count_frames_and_secs(str(path))
     assert frames == 5 + 20
-    assert width == 640
+
+
+def test_margins_are_where_they_are_shown(ran):
+    """Each is as long as the line that shows it, and the least is the certificate's."""
+    rows = ran[1]["margins"]
+    assert rows[0]["margin"] == pytest.approx(ran[2]["certificate"]["min_margin"], abs=1e-9)
+    assert len(rows) == 2 + 2 * 4
+    for row in rows:
+        assert math.dist(*row["gap"]) == pytest.approx(abs(row["margin"]), abs=3e-5), row
+        assert 0 <= row["time"] <= 0.2 * len(ran[2]["twists"]) + 1e-9

@@ -4,6 +4,7 @@ import json
 import re
 
 import pytest
+from imageio_ffmpeg import count_frames_and_secs
 
 from deggflow.tasks.bridge.formats import read_trials
 from deggflow.tasks.bridge.oracle import refutation
@@ -120,13 +121,16 @@ def test_keys_do_what_the_mouse_does(page, tmp_path):
     assert "x -3.2 m, y -1.3 m" in page.locator("[data-grip=plank]").get_attribute("aria-valuetext")
 
 
-def test_a_trial_that_cannot_begin_says_why(page):
+def test_a_trial_that_cannot_begin_says_why(page, tmp_path):
     page.locator("#plank-x").fill("-6.5")
     page.locator("#plank-x").press("Enter")
     settle(page)
     assert "the plank leaves the workspace" in page.locator("#unmet").inner_text()
     assert page.locator(".start-place.wrong").count() == 1
     assert page.locator("#world .failed").count() == 1
+    video = download(page, "#film", tmp_path)  # of one picture
+    assert count_frames_and_secs(str(video))[0] == 1 + 20
+    api.expect(page.locator(".film")).to_be_hidden()
 
 
 def test_files_go_out_and_in(page, tmp_path):
@@ -137,3 +141,23 @@ def test_files_go_out_and_in(page, tmp_path):
     page.locator("#open").set_input_files(path)
     api.expect(page.locator("#status")).to_contain_text(re.compile("^From a file: bridge built"))
     assert "agrees" in page.locator("#facts").inner_text()
+    page.locator("#keep").click()
+    api.expect(page.locator("#gallery li")).to_have_count(2)  # the one that was opened, too
+    page.locator("#gallery .open").first.click()
+    settle(page)
+    kept = read_trials(download(page, "#save-all", tmp_path))
+    assert [each.seed for each in kept] == [1, 1]
+    page.locator("#gallery .remove").first.click()
+    api.expect(page.locator("#gallery li")).to_have_count(1)
+
+
+def test_a_margin_is_shown_where_and_when_it_is(page):
+    row = page.locator("#margins tbody tr").first
+    name, time, margin = row.inner_text().split("\t")
+    assert re.search("plank|robot", name)
+    row.locator("button").click()
+    assert page.locator("#time-text").inner_text() == f"{time} s"
+    assert page.locator("#world .gap line").count() == 1
+    assert page.locator("#world .gap-text").text_content() == f"{margin} mm"
+    page.locator("#solid summary").click()
+    api.expect(page.locator("#solid canvas")).to_have_attribute("data-bodies", re.compile("plank robot_1"), timeout=WAIT)  # fmt: skip

@@ -9,8 +9,8 @@ from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 from deggflow.jsonl import InputError
-from deggflow.studio.conversation import AbstractDesk, ClosedError
-from deggflow.studio.limits import MAX_MESSAGE, MAX_TABS, MAX_WAITING, RateLimit
+from deggflow.studio.desk import AbstractDesk, ClosedError
+from deggflow.studio.limits import MAX_MESSAGE, MAX_PAGES, MAX_WAITING, RateLimit
 from deggflow.studio.server import studio_app
 
 HOST = "127.0.0.1:8765"
@@ -157,7 +157,7 @@ def test_messages_that_pile_up_are_refused(client):
 
 
 def test_there_are_only_so_many_pages(client):
-    pages = [connect(client) for _ in range(MAX_TABS)]
+    pages = [connect(client) for _ in range(MAX_PAGES)]
     for page in pages:
         page.__enter__()
     with pytest.raises(WebSocketDisconnect) as refused, connect(client):

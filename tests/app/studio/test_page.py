@@ -2,6 +2,7 @@
 
 import json
 import re
+from io import BytesIO
 from xml.etree import ElementTree
 
 import mujoco
@@ -117,6 +118,9 @@ def test_every_edit_has_its_keys(page, tmp_path):
     page("#guided .object[data-name=laptop]").focus()
     page("[data-handle=region]").press("ArrowLeft")
     page.settle()
+    # An outline of 2 px would be 2 m wide in a picture.
+    style = "getComputedStyle(document.activeElement).outlineStyle"
+    assert page.page.evaluate(style) == "none"
     page("[data-handle=radius]").press("ArrowUp")
     page.settle()
     page("[data-handle=table]").press("ArrowRight")
@@ -191,6 +195,45 @@ def test_the_slider_replays_the_generation(page):
     assert page.places() == end[0]
 
 
+def test_the_bodies_are_seen_from_any_side(page):
+    """The 3-D view is what the GLB file holds, turned by keys, and follows what is moved by hand."""
+    page("#solid summary").click()
+    canvas = page("#solid canvas")
+    api.expect(canvas).to_have_attribute("data-bodies", re.compile("laptop"), timeout=WAIT)
+
+    def picture():
+        page.page.wait_for_timeout(200)  # a frame
+        with Image.open(BytesIO(canvas.screenshot())) as shot:
+            return np.asarray(shot.convert("RGB"), float)
+
+    first = picture()
+    assert first.std() > 20
+    canvas.press("ArrowRight")
+    turned = picture()
+    assert np.abs(turned - first).mean() > 1
+    canvas.press("0")
+    assert np.abs(picture() - first).mean() < 0.5
+    page("#guided .object[data-name=laptop]").focus()
+    for _ in range(4):
+        page.page.keyboard.press("ArrowUp")
+    page.settle()
+    assert 0.01 < np.abs(picture() - first).mean() < 20
+
+
+def test_a_video_holds_nothing_up_and_can_be_stopped(page):
+    page("#film").click()
+    api.expect(page(".film span")).to_have_text(re.compile("picture|starting"), timeout=WAIT)
+    places = page.places()
+    page.set("seed", 4)
+    page.settle()
+    assert page.places() != places
+    assert page("#film").is_disabled()
+    page("#stop-film").click()
+    api.expect(page(".film")).to_be_hidden()
+    assert page("#film").is_enabled()
+    assert page("#trouble").is_hidden()
+
+
 @pytest.mark.parametrize("text", ['{"objects": ["lapdog"]}', "nonsense", '{"objects": ["laptop"], "seeed": 1}'])  # fmt: skip
 def test_a_bad_file_has_the_error_of_the_commands(page, tmp_path, monkeypatch, text):
     monkeypatch.chdir(tmp_path)
@@ -217,6 +260,9 @@ def test_every_export_opens_again(page, tmp_path):
         assert picture.size == (960, 720)
     model = mujoco.MjModel.from_xml_path(str(page.download("[data-export=mjcf]", tmp_path)))
     assert model.body("laptop").pos[:2] == pytest.approx(scene.poses[0, :2], abs=1e-5)
+    model = page.download("[data-export=glb]", tmp_path).read_bytes()
+    size = int.from_bytes(model[12:16], "little")
+    assert {node.get("name") for node in json.loads(model[20 : 20 + size])["nodes"]} >= {*SCENE["objects"], "table"}  # fmt: skip
     page("#keep").click()
     page.set("seed", 5)
     page.settle()
@@ -274,11 +320,11 @@ def test_the_page_survives_a_restart_of_the_server(browser, served):
     page.context.close()
 
 
-EDITS = 25
+EDITS = 6
 
 
 def test_random_edits_leave_no_error_and_no_rubbish(page, tmp_path):
-    """`benchmarks/studio.py --minutes 20` does so for longer."""
+    """`benchmarks/studio.py measure --minutes 20` does so for longer."""
     rng = np.random.default_rng(0)
     tools = page.context.new_cdp_session(page.page)
     tools.send("Performance.enable")
@@ -289,7 +335,7 @@ def test_random_edits_leave_no_error_and_no_rubbish(page, tmp_path):
         return next(each["value"] for each in metrics if each["name"] == "Nodes")
 
     counts = []
-    for _ in range(EDITS):
+    for edit in range(EDITS):
         name = rng.choice(SCENE["objects"])
         page(f"#guided .object[data-name={name}]").focus()
         handle = rng.choice(["region", "radius"])
@@ -298,5 +344,6 @@ def test_random_edits_leave_no_error_and_no_rubbish(page, tmp_path):
         page.settle()
         scene = saved(page, tmp_path)
         assert scene.certificate.satisfied != refutes(scene.condition, scene.poses)
-        counts.append(nodes())
-    assert counts[-1] < 1.1 * counts[4]
+        if edit in (2, EDITS - 1):
+            counts.append(nodes())
+    assert counts[1] < 1.1 * counts[0]

@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from deggflow.jsonl import InputError, read_lines
-from deggflow.studio.conversation import ClosedError
+from deggflow.studio.desk import ClosedError
 from deggflow.tasks.tabletop.consistency import contradictions
 from deggflow.tasks.tabletop.formats import parse_condition, parse_scene
 from deggflow.tasks.tabletop.oracle import least_margin, refutes

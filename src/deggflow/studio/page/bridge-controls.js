@@ -2,13 +2,12 @@
 /** The panel beside the bridge: everything that can be dragged, as fields, and what else can be asked for. */
 
 import { freeContact, moveContact } from "./bridge-grips.js";
-import { numberField, put } from "./controls.js";
 import { byId, html } from "./elements.js";
+import { numberField, put, randomFields, sampleFields } from "./fields.js";
 import { round } from "./geometry.js";
 
 /** @typedef {import("./bridge-types.js").World} World */
 
-const MAX_SEED = 2 ** 31 - 1;
 const SPEED = 0.3; // m/s, the first limit that is offered
 
 export class BridgeControls {
@@ -17,9 +16,12 @@ export class BridgeControls {
     this.studio = studio;
     this.world = world;
     this.places = { plank: this.placeFields("plank"), goal: this.placeFields("goal") };
-    this.sample = this.sampleFields();
+    this.refreshSample = sampleFields(studio, "run", () => studio.run());
+    this.limit = this.limitFields();
     this.robotButtons();
-    this.randomFields();
+    randomFields(studio, "robots", { min: world.min_robots, max: world.max_robots }, 4, async (asked) =>
+      studio.edit((await studio.connection.ask("random", asked)).condition),
+    );
   }
 
   /** @param {"plank" | "goal"} which */
@@ -49,59 +51,30 @@ export class BridgeControls {
     });
   }
 
-  sampleFields() {
+  limitFields() {
     const { studio } = this;
-    const home = byId("sample");
-    const again = (/** @type {() => void} */ change) => {
-      change();
+    const change = (/** @type {number | null} */ limit) => {
+      studio.speedLimit = limit;
       studio.run();
     };
     const limited = byId("limited", HTMLInputElement);
-    limited.addEventListener("change", () => again(() => (studio.speedLimit = limited.checked ? SPEED : null)));
-    const live = byId("live", HTMLInputElement);
-    live.addEventListener("change", () => (studio.live = live.checked));
-    byId("run").addEventListener("click", () => studio.run());
-    return {
-      limited,
-      live,
-      limit: numberField(byId("limit"), "speed-limit", "at most, m/s", { min: 0.01, max: 10, step: 0.01 }, (value) =>
-        again(() => (studio.speedLimit = value)),
-      ),
-      seed: numberField(home, "seed", "seed", { min: 0, max: MAX_SEED, step: 1 }, (value) => again(() => (studio.seed = value))),
-      maxDraws: numberField(home, "max-draws", "draws at most", { min: 1, max: 8, step: 1 }, (value) => again(() => (studio.maxDraws = value))),
-    };
-  }
-
-  randomFields() {
-    const { world, studio } = this;
-    const home = byId("random");
-    const size = numberField(home, "size", "robots", { min: world.min_robots, max: world.max_robots, step: 1 }, () => {});
-    const seed = numberField(home, "random-seed", "seed", { min: 0, max: MAX_SEED, step: 1 }, () => {});
-    size.value = "4";
-    seed.value = "1";
-    byId("randomise").addEventListener("click", () => {
-      if (!size.reportValidity() || !seed.reportValidity()) return;
-      const asked = { size: size.valueAsNumber, seed: seed.valueAsNumber };
-      seed.value = String((seed.valueAsNumber + 1) % MAX_SEED);
-      studio.attempt(async () => studio.edit((await studio.connection.ask("random", asked)).condition));
-    });
+    limited.addEventListener("change", () => change(limited.checked ? SPEED : null));
+    return { limited, value: numberField(byId("limit"), "speed-limit", "at most, m/s", { min: 0.01, max: 10, step: 0.01 }, change) };
   }
 
   /** Shows the state, but in a field that is being written in. */
   refresh() {
-    const { condition, seed, maxDraws, speedLimit, live } = this.studio;
+    const { condition, speedLimit } = this.studio;
     for (const which of /** @type {const} */ (["plank", "goal"])) {
       const { x, y, theta } = condition[which];
       put(this.places[which].x, round(x, 2));
       put(this.places[which].y, round(y, 2));
       put(this.places[which].theta, round((180 / Math.PI) * theta, 1));
     }
-    put(this.sample.seed, seed);
-    put(this.sample.maxDraws, maxDraws);
-    this.sample.limited.checked = speedLimit !== null;
+    this.refreshSample();
+    this.limit.limited.checked = speedLimit !== null;
     byId("limit").toggleAttribute("hidden", speedLimit === null);
-    put(this.sample.limit, speedLimit ?? SPEED);
-    this.sample.live.checked = live;
+    put(this.limit.value, speedLimit ?? SPEED);
     byId("add-robot", HTMLButtonElement).disabled = condition.contacts.length >= this.world.max_robots;
     byId("remove-robot", HTMLButtonElement).disabled = condition.contacts.length <= this.world.min_robots;
     this.refreshContacts();

@@ -2,7 +2,8 @@
 /** The bridge from above, as SVG in metres. */
 
 import { svg } from "./elements.js";
-import { placed, transform } from "./geometry.js";
+import { clamp, placed, transform } from "./geometry.js";
+import { drawGap } from "./margins.js";
 
 /** @typedef {import("./bridge-types.js").World} World */
 /** @typedef {import("./bridge-types.js").Condition} Condition */
@@ -36,6 +37,8 @@ export class BridgePicture {
     this.turns = { plank: this.grip("plank-turn", "handle"), goal: this.grip("goal-turn", "handle") };
     this.contacts = svg("g");
     this.tags = svg("g", { "aria-hidden": "true" });
+    this.gap = svg("g", { class: "gap" });
+    this.labels = svg("g", { "aria-hidden": "true" });
     const size = { width: x_max - x_min, height: y_max - y_min };
     const up = svg("g", { transform: "scale(1 -1)" });
     up.append(
@@ -43,9 +46,9 @@ export class BridgePicture {
       svg("path", { class: "gridline", d: lines.join("") }),
       svg("rect", { class: "border", x: x_min, y: y_min, ...size }),
       svg("rect", { class: "pit", x: gap_left, y: y_min - AROUND, width: gap_right - gap_left, height: size.height + 2 * AROUND }),
-      this.team.root, this.twin.root, this.goal, this.start, this.turns.goal, this.turns.plank, this.contacts,
+      this.team.root, this.twin.root, this.goal, this.start, this.turns.goal, this.turns.plank, this.contacts, this.gap,
     );
-    root.replaceChildren(up, this.tags);
+    root.replaceChildren(up, this.tags, this.labels);
   }
 
   /** Metres of a pixel. */
@@ -93,6 +96,14 @@ export class BridgePicture {
     });
   }
 
+  /** Shows where a margin is. @param {import("./margins.js").Gap | null} margin */
+  mark(margin) {
+    const size = { "font-size": 12 * this.pixel, "stroke-width": 3 * this.pixel };
+    for (const [name, value] of Object.entries(size)) this.labels.setAttribute(name, String(value));
+    const { x_min, x_max } = this.world;
+    drawGap(this.gap, this.labels, margin, this.pixel, (x) => clamp(x, x_min + 30 * this.pixel, x_max - 30 * this.pixel));
+  }
+
   /** @param {string} id */
   find(id) {
     return this.root.querySelector(`[data-grip="${id}"]`);
@@ -135,6 +146,17 @@ class Team {
     this.body.setAttribute("transform", transform(pose));
   }
 }
+
+/** A small picture of a trial's end, and of its way. @param {SVGSVGElement} root @param {World} world @param {import("./bridge-types.js").Trial} trial */
+export const thumbnail = (root, world, { condition, poses, outcome }) => {
+  const picture = new BridgePicture(root, world);
+  for (const each of [picture.start, picture.turns.plank, picture.turns.goal, picture.twin.root]) each.remove();
+  for (const name of ["tabindex", "role", "data-grip"]) picture.goal.removeAttribute(name);
+  picture.goal.setAttribute("transform", transform(poseOf(condition.goal)));
+  picture.team.draw(condition.contacts, [], outcome.reason !== null);
+  picture.team.drawPath(poses);
+  picture.team.move(poses[poses.length - 1]);
+};
 
 /** @param {Element} element @param {Record<string, string | number>} attributes */
 const place = (element, attributes) => {

@@ -2,12 +2,12 @@
 /** The policies of a trial: their factors under their bounds, at their ends and while they were generated. */
 
 import { EDGE, HEIGHT, WIDTH, apart, drawChart, text } from "./chart.js";
-import { byId, html, svg } from "./elements.js";
+import { button, byId, html, numberCell, svg, table } from "./elements.js";
 
 /** @typedef {import("./bridge-types.js").Policy} Policy */
 /** @typedef {import("./bridge-types.js").Course} Course */
 
-const HEADS = ["policy", "q_task", "bound", "q_safe (bound 0)", "draws", "fastest contact, m/s", "hypotheses"];
+const HEADS = ["policy", "-q_task", "-bound", "-q_safe (bound 0)", "-draws", "-fastest contact, m/s", "-hypotheses"];
 
 export class PoliciesView {
   /** @param {(policy: number) => Promise<Course | null>} load @param {(policy: number) => void} onChoose */
@@ -19,8 +19,7 @@ export class PoliciesView {
     /** @type {number | null} */
     this.chosen = null;
     this.body = html("tbody");
-    const head = HEADS.map((name, k) => html("th", { scope: "col", class: k === 0 ? "text" : "number" }, name));
-    byId("policies").append(html("table", {}, html("thead", {}, html("tr", {}, ...head)), this.body));
+    byId("policies").append(table(HEADS, this.body));
   }
 
   /** @param {Policy[]} policies */
@@ -44,12 +43,11 @@ export class PoliciesView {
 
   /** @param {Policy} policy @param {number} k */
   row(policy, k) {
-    const name = html("button", { type: "button", class: "plain", "aria-pressed": "false" }, `${k + 1}${policy.accepted ? "" : ", refused"}`);
-    name.addEventListener("click", () => this.choose(k));
+    const name = button(`${k + 1}${policy.accepted ? "" : ", refused"}`, { class: "plain", "aria-pressed": "false" }, () => this.choose(k));
     const numbers = [policy.q_task, policy.bound, policy.q_safe].map((value) => value.toFixed(4));
     const hold = policy.generation ? (policy.generation.hypotheses_hold ? "hold" : policy.generation.first_failure) : "-";
     const cells = [...numbers, policy.draws, policy.speed.toFixed(3), hold];
-    const row = html("tr", {}, html("td", {}, name), ...cells.map((cell) => html("td", { class: "number" }, String(cell))));
+    const row = html("tr", {}, html("td", {}, name), ...cells.map((cell) => numberCell(String(cell))));
     row.classList.toggle("wrong", policy.q_task > policy.bound || policy.q_safe > 0 || !policy.accepted);
     return row;
   }

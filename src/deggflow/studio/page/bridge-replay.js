@@ -2,6 +2,7 @@
 /** Plays a trial, guided and nominal, at the screen's rate. */
 
 import { byId } from "./elements.js";
+import { Player } from "./player.js";
 
 /** @typedef {import("./types.js").Pose} Pose */
 /** @typedef {{poses: Pose[], twists: Pose[]}} Motion */
@@ -15,14 +16,15 @@ export class BridgeReplay {
     this.guided = null;
     /** @type {Motion | null} */
     this.nominal = null;
-    this.frame = 0;
     this.slider = byId("time", HTMLInputElement);
-    this.button = byId("play");
-    this.slider.addEventListener("input", () => {
-      this.stop();
-      this.show(this.slider.valueAsNumber);
-    });
-    this.button.addEventListener("click", () => (this.frame ? this.stop() : this.play()));
+    this.player = new Player(
+      this.slider,
+      (time) => this.show(time),
+      () => {
+        const from = this.slider.valueAsNumber >= this.duration - 1e-6 ? 0 : this.slider.valueAsNumber;
+        this.player.run(from, this.duration, Number(byId("speed", HTMLSelectElement).value));
+      },
+    );
   }
 
   get duration() {
@@ -31,7 +33,7 @@ export class BridgeReplay {
 
   /** @param {Motion | null} guided @param {Motion | null} nominal @param {number} time s, to be shown */
   reset(guided, nominal, time) {
-    this.stop();
+    this.player.stop();
     this.guided = guided;
     this.nominal = nominal;
     this.slider.max = String(Math.max(this.duration, this.dt));
@@ -53,26 +55,6 @@ export class BridgeReplay {
     const k = Math.floor(time / this.dt + 1e-9);
     if (k >= motion.twists.length) return motion.poses[motion.poses.length - 1];
     return moved(motion.poses[k], motion.twists[k], time - k * this.dt);
-  }
-
-  play() {
-    const rate = Number(byId("speed", HTMLSelectElement).value);
-    const from = this.slider.valueAsNumber >= this.duration - 1e-6 ? 0 : this.slider.valueAsNumber;
-    const start = performance.now();
-    this.button.textContent = "Stop";
-    const step = (/** @type {number} */ now) => {
-      const time = Math.min(from + (rate * Math.max(now - start, 0)) / 1000, this.duration);
-      this.show(time);
-      if (time < this.duration) this.frame = requestAnimationFrame(step);
-      else this.stop();
-    };
-    this.frame = requestAnimationFrame(step);
-  }
-
-  stop() {
-    cancelAnimationFrame(this.frame);
-    this.frame = 0;
-    this.button.textContent = "Play";
   }
 }
 

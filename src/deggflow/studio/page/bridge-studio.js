@@ -1,8 +1,7 @@
 // @ts-check
 /** The bridge page's state: what is asked for, what is shown, and how the one follows the other. */
 
-import { Lost } from "./connection.js";
-import { latestOnly } from "./studio.js";
+import { Session, entryOf, latestOnly } from "./session.js";
 
 /** @typedef {import("./bridge-types.js").Condition} Condition */
 /** @typedef {import("./bridge-types.js").Trial} Trial */
@@ -16,63 +15,28 @@ import { latestOnly } from "./studio.js";
  * @property {Trial} trial its line in a file, parsed
  * @property {string} line
  * @property {string | null} refuted what independent checks find wrong
+ * @property {import("./bridge-types.js").Margin[]} margins the least first
  * @property {Nominal | null} nominal from the same z(0); null if it is not known
  * @property {string | null} command
  * @property {number} number of the trial in its file, from 0
  */
 
-const KEY = "deggflow-studio-bridge"; // of this tab's storage
-
-export class BridgeStudio {
-  /**
-   * @param {import("./connection.js").Connection} connection
-   * @param {() => void} onChange
-   * @param {(error: Error | null) => void} onTrouble
-   * @param {(busy: boolean) => void} onBusy
-   */
-  constructor(connection, onChange, onTrouble, onBusy) {
-    this.connection = connection;
-    this.onChange = onChange;
-    this.onTrouble = onTrouble;
-    this.onBusy = onBusy;
+export class BridgeStudio extends Session {
+  /** @param {import("./connection.js").Connection} connection @param {import("./session.js").Listeners} listeners */
+  constructor(connection, listeners) {
+    super(connection, listeners, "deggflow-studio-bridge", ["condition", "seed", "maxDraws", "speedLimit", "live"]);
     this.work = latestOnly();
     this.look = latestOnly();
     /** @type {Condition} */
     this.condition = { plank: { x: 0, y: 0, theta: 0 }, goal: { x: 0, y: 0, theta: 0 }, contacts: [] };
-    this.seed = 0;
-    this.maxDraws = 8;
     /** @type {number | null} m/s */
     this.speedLimit = null;
-    this.live = true;
     /** @type {{start: string | null, goal: string | null}} what is wrong with the plank at its start and goal */
     this.wrong = { start: null, goal: null };
     /** @type {Shown | null} */
     this.shown = null;
     /** @type {{poses: Pose[], policies: Policy[]} | null} of the trial under way */
     this.underway = null;
-    /** @type {{line: string, refuted: string | null, number: number}[]} of the file that was opened */
-    this.rows = [];
-  }
-
-  /** What an earlier visit of this tab left. @returns {boolean} whether there was something */
-  restore() {
-    try {
-      const kept = JSON.parse(sessionStorage.getItem(KEY) ?? "null");
-      if (!kept) return false;
-      Object.assign(this, kept);
-      return true;
-    } catch {
-      return false;
-    }
-  }
-
-  keep() {
-    const { condition, seed, maxDraws, speedLimit, live } = this;
-    try {
-      sessionStorage.setItem(KEY, JSON.stringify({ condition, seed, maxDraws, speedLimit, live }));
-    } catch {
-      // The tab's storage is full: the page works without it.
-    }
   }
 
   get asked() {
@@ -98,6 +62,10 @@ export class BridgeStudio {
     return this.look(() => this.attempt(async () => {
       this.wrong = await this.connection.ask("placed", { condition: this.condition });
     }));
+  }
+
+  start() {
+    return this.run();
   }
 
   run() {
@@ -129,39 +97,40 @@ export class BridgeStudio {
     return this.connection.ask("course", { line, number, policy });
   }
 
-  /** Rows of a file that the server has read. @param {{line?: string, refuted?: string | null, condition?: Condition}[]} rows */
+  /** Rows of a file that the server has read. @param {{line?: string, condition?: Condition}[]} rows */
   openRows(rows) {
     const [first] = rows;
-    this.rows = rows.flatMap(({ line, refuted = null }, number) => (line ? [{ line, refuted, number }] : []));
-    if (this.rows.length) this.showRow(0);
-    else if (first.condition) {
+    const entries = rows.flatMap(({ line }, number) => (line ? [entryOf(line, number)] : []));
+    if (entries.length) {
+      this.add(entries);
+      this.show(entries[0]);
+    } else if (first.condition) {
       this.condition = first.condition;
       this.run();
     }
   }
 
-  /** @param {number} row of `rows` */
-  showRow(row) {
-    const { line, refuted, number } = this.rows[row];
-    const trial = JSON.parse(line);
-    this.condition = trial.condition;
-    this.seed = trial.seed;
-    this.speedLimit = trial.certificate.speed_limit ?? null;
-    this.shown = { trial, line, refuted, nominal: null, command: null, number };
-    this.onTrouble(null);
-    this.onChange();
-    this.place();
+  keepShown() {
+    if (!this.shown) throw new Error("There is no trial yet.");
+    this.add([entryOf(this.shown.line, this.shown.number)]);
   }
 
-  /** @param {() => Promise<void>} task */
-  async attempt(task) {
-    try {
-      await task();
-      this.onTrouble(null);
-      this.onChange();
-    } catch (error) {
-      if (!(error instanceof Lost)) this.onTrouble(/** @type {Error} */ (error));
-    }
+  /** A trial of the gallery, examined anew. @param {import("./session.js").Entry} entry */
+  show({ line, number }) {
+    return this.work(async () => {
+      this.onBusy(true);
+      await this.attempt(async () => {
+        const { rows } = await this.connection.ask("open", { name: "trial.jsonl", text: line });
+        const trial = JSON.parse(line);
+        this.condition = trial.condition;
+        this.seed = trial.seed;
+        this.speedLimit = trial.certificate.speed_limit ?? null;
+        this.shown = { ...rows[0], trial, line, nominal: null, command: null, number };
+        this.wrong = await this.connection.ask("placed", { condition: this.condition });
+      });
+      this.keep();
+      this.onBusy(false);
+    });
   }
 }
 

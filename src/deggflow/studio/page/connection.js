@@ -6,7 +6,7 @@ const PAUSE = 1000; // ms between tries to connect again
 export class Connection {
   /**
    * @param {string} desk of the server that answers
-   * @param {(open: boolean) => void} onChange told when the connection opens or is lost
+   * @param {(open: boolean, connection: Connection) => void} onChange told when the connection opens or is lost
    */
   constructor(desk, onChange) {
     this.desk = desk;
@@ -16,6 +16,7 @@ export class Connection {
     this.waiting = new Map();
     /** @type {WebSocket | null} */
     this.socket = null;
+    this.closed = false;
     this.open();
   }
 
@@ -24,14 +25,21 @@ export class Connection {
     address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
     const socket = new WebSocket(address);
     this.socket = socket;
-    socket.addEventListener("open", () => this.onChange(true));
+    socket.addEventListener("open", () => this.onChange(true, this));
     socket.addEventListener("message", (event) => this.receive(event.data));
     socket.addEventListener("close", () => {
       for (const { reject } of this.waiting.values()) reject(new Lost());
       this.waiting.clear();
-      this.onChange(false);
-      setTimeout(() => this.open(), PAUSE);
+      if (this.closed) return;
+      this.onChange(false, this);
+      if (!this.closed) setTimeout(() => this.open(), PAUSE);
     });
+  }
+
+  /** For good: whatever is under way stops. */
+  close() {
+    this.closed = true;
+    this.socket?.close();
   }
 
   get ready() {

@@ -2,31 +2,12 @@
 /** The panel beside the pictures: everything that can be dragged, as fields, and what else can be asked for. */
 
 import { byId, html } from "./elements.js";
+import { numberField, put, randomFields, sampleFields } from "./fields.js";
 import { filled, round, spoken, typeName } from "./geometry.js";
 
 /** @typedef {import("./types.js").Library} Library */
 
 const FAMILIES = ["changed", "default", "opposite", "side", "larger", "combined", "balanced"];
-const MAX_SEED = 2 ** 31 - 1;
-
-/**
- * A number with a name.
- * @param {Element} home
- * @param {string} id
- * @param {string} label
- * @param {{min: number, max: number, step: number}} range
- * @param {(value: number) => void} onChange
- */
-export const numberField = (home, id, label, range, onChange) => {
-  const input = /** @type {HTMLInputElement} */ (html("input", { id, type: "number", ...range }));
-  input.addEventListener("change", () => {
-    if (input.value !== "" && input.checkValidity()) onChange(input.valueAsNumber);
-    else input.reportValidity();
-  });
-  home.append(html("label", { class: "row", for: id }, html("span", {}, label), input));
-  return input;
-};
-
 export class Controls {
   /** @param {import("./studio.js").Studio} studio @param {Library} library */
   constructor(studio, library) {
@@ -40,8 +21,14 @@ export class Controls {
     });
     this.requirement = this.requirementFields();
     this.shared = this.sharedFields();
-    this.sample = this.sampleFields();
-    this.randomFields();
+    this.refreshSample = sampleFields(studio, "generate", () => studio.generate());
+    this.draw = this.drawField();
+    this.family = this.familyField();
+    randomFields(studio, "objects", { min: 1, max: 12 }, 8, async (asked) => {
+      const { condition } = await studio.connection.ask("draw", { ...asked, family: this.family.value });
+      studio.draw = null;
+      studio.edit(condition);
+    });
   }
 
   /** @param {string} name */
@@ -111,9 +98,8 @@ export class Controls {
     };
   }
 
-  sampleFields() {
+  drawField() {
     const { studio } = this;
-    const home = byId("sample");
     const draw = byId("draw", HTMLSelectElement);
     draw.append(html("option", { value: "" }, "first that is satisfied"));
     for (let k = 0; k < 8; k++) draw.append(html("option", { value: k }, `only draw ${k + 1}`));
@@ -121,46 +107,18 @@ export class Controls {
       studio.draw = draw.value === "" ? null : Number(draw.value);
       studio.generate();
     });
-    const live = byId("live", HTMLInputElement);
-    live.addEventListener("change", () => (studio.live = live.checked));
-    byId("generate").addEventListener("click", () => studio.generate());
-    const again = (/** @type {() => void} */ change) => {
-      change();
-      studio.generate();
-    };
-    return {
-      seed: numberField(home, "seed", "seed", { min: 0, max: MAX_SEED, step: 1 }, (value) => again(() => (studio.seed = value))),
-      maxDraws: numberField(home, "max-draws", "draws at most", { min: 1, max: 8, step: 1 }, (value) => again(() => (studio.maxDraws = value))),
-      draw,
-      live,
-    };
+    return draw;
   }
 
-  randomFields() {
-    const home = byId("random");
+  familyField() {
     const family = byId("family", HTMLSelectElement);
     family.append(...FAMILIES.map((name) => html("option", { value: name }, name)));
-    const size = numberField(home, "size", "objects", { min: 1, max: 12, step: 1 }, () => {});
-    const seed = numberField(home, "random-seed", "seed", { min: 0, max: MAX_SEED, step: 1 }, () => {});
-    size.value = "8";
-    seed.value = "1";
-    byId("randomise").addEventListener("click", async () => {
-      if (!size.reportValidity() || !seed.reportValidity()) return;
-      const asked = { size: size.valueAsNumber, family: family.value, seed: seed.valueAsNumber };
-      seed.value = String((seed.valueAsNumber + 1) % MAX_SEED);
-      try {
-        const { condition } = await this.studio.connection.ask("draw", asked);
-        this.studio.draw = null;
-        this.studio.edit(condition);
-      } catch (error) {
-        this.studio.onTrouble(/** @type {Error} */ (error));
-      }
-    });
+    return family;
   }
 
   /** Shows the state, but in a field that is being written in. */
   refresh() {
-    const { condition, selected, seed, maxDraws, draw, live } = this.studio;
+    const { condition, selected, draw } = this.studio;
     for (const box of this.boxes) {
       const name = box.getAttribute("data-object") ?? "";
       box.checked = condition.objects.some((each) => typeName(each) === name);
@@ -182,14 +140,7 @@ export class Controls {
     this.shared.balanced.checked = condition.balance !== undefined;
     byId("balance").toggleAttribute("hidden", condition.balance === undefined);
     for (const name of /** @type {const} */ (["x", "y", "radius"])) put(this.shared[name], round(circle[name], 3));
-    put(this.sample.seed, seed);
-    put(this.sample.maxDraws, maxDraws);
-    this.sample.draw.value = draw === null ? "" : String(draw);
-    this.sample.live.checked = live;
+    this.draw.value = draw === null ? "" : String(draw);
+    this.refreshSample();
   }
 }
-
-/** @param {HTMLInputElement} input @param {number} value */
-export const put = (input, value) => {
-  if (document.activeElement !== input || input.valueAsNumber === value) input.value = String(value);
-};

@@ -5,7 +5,7 @@
 
 /**
  * @typedef {object} Grip
- * @property {string} id of the element, in data-grip
+ * @property {string} id
  * @property {string} label
  * @property {string} value as it is spoken
  * @property {Spot} at
@@ -19,16 +19,29 @@ const ARROWS = /** @type {Record<string, Spot>} */ ({
   ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1],
 });
 
+/** @param {Element} target @returns {Found | null} */
+const byGrip = (target) => {
+  const element = target.closest("[data-grip]");
+  return element && { id: element.getAttribute("data-grip") ?? "", element: /** @type {SVGElement} */ (element) };
+};
+
+/** @typedef {{id: string, element: SVGElement | null}} Found a grip, and what takes the focus */
+
 export class Grips {
   /**
    * @param {SVGSVGElement} root its y points down, the world's up
    * @param {() => Grip[]} grips
-   * @param {(dragging: boolean) => void} onEnd after each movement by keys, and when a drag is over
+   * @param {object} options
+   * @param {(id: string, moved: boolean) => void} options.onEnd a drag is over
+   * @param {(id: string) => void} [options.onStart] a drag begins
+   * @param {(target: Element) => Found | null} [options.locate] the grip at an element
    */
-  constructor(root, grips, onEnd) {
+  constructor(root, grips, { onEnd, onStart = () => {}, locate = byGrip }) {
     this.root = root;
     this.grips = grips;
     this.onEnd = onEnd;
+    this.onStart = onStart;
+    this.locate = locate;
     /** @type {{id: string, offset: Spot, start: Spot, moved: boolean} | null} */
     this.dragged = null;
     root.addEventListener("pointerdown", (event) => this.press(event));
@@ -47,22 +60,23 @@ export class Grips {
     }
   }
 
-  /** @param {string | null | undefined} id */
+  /** @param {string | undefined} id */
   grip(id) {
     return this.grips().find((each) => each.id === id);
   }
 
   /** @param {PointerEvent} event */
   press(event) {
-    if (event.button !== 0 || !(event.target instanceof SVGElement)) return;
-    const target = /** @type {SVGElement | null} */ (event.target.closest("[data-grip]"));
-    const grip = this.grip(target?.getAttribute("data-grip"));
-    if (!grip || !target) return;
+    if (event.button !== 0 || !(event.target instanceof Element)) return;
+    const found = this.locate(event.target);
+    const grip = this.grip(found?.id);
+    if (!found || !grip) return;
     event.preventDefault();
     const [x, y] = this.spot(event);
+    this.onStart(grip.id);
     this.dragged = { id: grip.id, offset: [grip.at[0] - x, grip.at[1] - y], start: [event.clientX, event.clientY], moved: false };
     this.root.setPointerCapture(event.pointerId);
-    target.focus({ preventScroll: true });
+    found.element?.focus({ preventScroll: true });
   }
 
   /** @param {PointerEvent} event */
@@ -76,15 +90,15 @@ export class Grips {
   }
 
   release() {
-    const moved = this.dragged?.moved;
+    const { dragged } = this;
     this.dragged = null;
-    if (moved) this.onEnd(true);
+    if (dragged) this.onEnd(dragged.id, dragged.moved);
   }
 
   /** @param {KeyboardEvent} event */
   key(event) {
     if (!(event.target instanceof Element) || event.ctrlKey || event.metaKey || event.altKey) return;
-    const grip = this.grip(event.target.getAttribute("data-grip"));
+    const grip = this.grip(this.locate(event.target)?.id);
     const step = event.shiftKey ? 0.1 : 1;
     const arrow = ARROWS[event.key];
     const turn = { q: 1, e: -1 }[event.key.toLowerCase()];
@@ -92,7 +106,6 @@ export class Grips {
     else if (grip?.turn && turn) grip.turn(step * turn);
     else return;
     event.preventDefault();
-    this.onEnd(false);
   }
 
   /** The pointer in the world. @param {PointerEvent} event @returns {Spot} */

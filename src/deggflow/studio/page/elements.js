@@ -27,6 +27,22 @@ export const html = (tag, attributes = {}, ...children) => {
   return element;
 };
 
+/** @param {string} words @param {Record<string, string>} attributes @param {() => void} onClick */
+export const button = (words, attributes, onClick) => {
+  const element = html("button", { type: "button", ...attributes }, words);
+  element.addEventListener("click", onClick);
+  return element;
+};
+
+/** A table. @param {string[]} heads those with a leading "-" are of numbers @param {Element} body */
+export const table = (heads, body) => {
+  const cells = heads.map((name) => html("th", { scope: "col", class: name.startsWith("-") ? "number" : "text" }, name.replace(/^-/, "")));
+  return html("table", {}, html("thead", {}, html("tr", {}, ...cells)), body);
+};
+
+/** @param {string} words */
+export const numberCell = (words) => html("td", { class: "number" }, words);
+
 /**
  * The element with an id.
  * @template {Element} [T=HTMLElement]

@@ -1,64 +1,92 @@
 // @ts-check
 /** Files in and out; nothing is read or written but what the user chooses. */
 
-import { byId, html } from "./elements.js";
+import { button, byId, html } from "./elements.js";
+import { Film } from "./film.js";
+
+/**
+ * What a page saves.
+ * @typedef {object} Made
+ * @property {string} what "scene"
+ * @property {() => Promise<string> | string} line of what is shown, as in a file
+ * @property {() => object} fields that tell the server what is shown; an error if there is nothing
+ * @property {() => Promise<object>} film fields of the message for a video
+ */
 
 const MAX_FILE = 3 << 20; // bytes
+const EXPORTS = { svg: "SVG", png: "PNG, in 3-D", glb: "3-D model (GLB)", mjcf: "MuJoCo (MJCF)" };
 
 /** The text of a file, if it is not too large. @param {File} file */
-export const textOf = (file) => {
+const textOf = (file) => {
   if (file.size > MAX_FILE) throw new Error(`${file.name}: the studio opens files of up to ${MAX_FILE} bytes; this one has ${file.size}`);
   return file.text();
 };
 
 export class Files {
-  /** @param {import("./studio.js").Studio} studio */
-  constructor(studio) {
-    this.studio = studio;
-    const input = byId("open", HTMLInputElement);
-    input.addEventListener("change", async () => {
-      const [file] = input.files ?? [];
-      if (file) await this.attempt(() => this.open(file));
-      input.value = "";
-    });
-    byId("save").addEventListener("click", () =>
-      this.attempt(async () => save("scene.jsonl", `${await studio.currentLine()}\n`, "application/jsonl")),
+  /** @param {import("./session.js").Session & {openRows(rows: any[]): Promise<void> | void}} session @param {Made} made */
+  constructor(session, made) {
+    this.session = session;
+    this.made = made;
+    const { what } = made;
+    this.note = html("p", { class: "soft" });
+    this.command = html("code", { id: "command" });
+    this.copied = button("", { id: "copy" }, () => this.copy());
+    this.render = html("div", { id: "render" });
+    const save = () => session.attempt(async () => offer(`${what}.jsonl`, `${await made.line()}\n`, "application/jsonl"));
+    const exports = Object.entries(EXPORTS).map(([kind, name]) =>
+      button(name, { "data-export": kind }, () => session.attempt(() => this.export(kind))),
     );
-    byId("save-all").addEventListener("click", () => {
-      save("scenes.jsonl", studio.gallery.map(({ line }) => `${line}\n`).join(""), "application/jsonl");
-    });
-    byId("keep").addEventListener("click", () => this.attempt(() => studio.keepScene()));
-    byId("copy").addEventListener("click", () => this.attempt(copyCommand));
-    for (const button of document.querySelectorAll("[data-export]")) {
-      button.addEventListener("click", () => this.attempt(() => this.export(button.getAttribute("data-export") ?? "")));
-    }
+    const film = new Film(what, made.film, (file) => offerMade(file), session.onTrouble);
+    byId("files").append(
+      html("div", { class: "buttons" }, this.opener(), button(`Save ${what} (JSON Lines)`, { id: "save" }, save), ...exports, film.button),
+      film.progress,
+      this.render,
+      this.note,
+      html("pre", {}, this.command),
+      this.copied,
+    );
+    this.showCommand(null);
   }
 
-  /** @param {File} file */
-  async open(file) {
-    const { rows } = await this.studio.connection.ask("open", { name: file.name, text: await textOf(file) });
-    await this.studio.openRows(rows);
+  opener() {
+    const input = /** @type {HTMLInputElement} */ (html("input", { id: "open", type: "file", accept: ".jsonl,.json,.ndjson" }));
+    input.addEventListener("change", async () => {
+      const [file] = input.files ?? [];
+      if (file) {
+        await this.session.attempt(async () => {
+          const { rows } = await this.session.connection.ask("open", { name: file.name, text: await textOf(file) });
+          await this.session.openRows(rows);
+        });
+      }
+      input.value = "";
+    });
+    return html("label", { class: "button" }, `Open ${this.made.what}s or conditions`, input);
   }
 
   /** @param {string} kind */
   async export(kind) {
-    const { shown } = this.studio;
-    if (!shown) throw new Error("There is no scene yet.");
-    const { condition, poses } = shown;
-    const made = await this.studio.connection.ask("export", { kind, condition, poses });
-    const address = saveMade(made);
+    const address = offerMade(await this.session.connection.ask("export", { kind, ...this.made.fields() }));
     if (kind === "png") {
-      const image = html("img", { src: address, alt: "The scene with the objects' bodies, by MuJoCo or matplotlib" });
-      byId("render").replaceChildren(image);
+      this.render.replaceChildren(html("img", { src: address, alt: `The ${this.made.what} with its bodies, by MuJoCo or matplotlib` }));
     }
   }
 
-  /** @param {() => Promise<unknown>} task */
-  async attempt(task) {
+  /** @param {string | null} command @param {string} without why there is none */
+  showCommand(command, without = "") {
+    this.note.textContent = command ? `The command that makes this ${this.made.what}:` : without;
+    this.command.textContent = command ?? "";
+    this.copied.hidden = this.command.hidden = command === null;
+    this.copied.textContent = "Copy command";
+  }
+
+  /** Puts the command on the clipboard, or selects it where the browser forbids that. */
+  async copy() {
     try {
-      await task();
-    } catch (error) {
-      this.studio.onTrouble(/** @type {Error} */ (error));
+      await navigator.clipboard.writeText(this.command.textContent ?? "");
+      this.copied.textContent = "Copied";
+    } catch {
+      getSelection()?.selectAllChildren(this.command);
+      this.copied.textContent = "Selected: copy it with Ctrl-C";
     }
   }
 }
@@ -66,24 +94,15 @@ export class Files {
 let last = "";
 
 /** Offers a file to the user. @param {string} name @param {BlobPart} content @param {string} type */
-export const save = (name, content, type) => {
+export const offer = (name, content, type) => {
   URL.revokeObjectURL(last);
   last = URL.createObjectURL(new Blob([content], { type }));
   html("a", { href: last, download: name }).click();
   return last;
 };
 
-/** Offers a file that the server has made. @param {{name: string, type: string, content: string}} made in base64 */
-export const saveMade = ({ name, type, content }) =>
-  save(name, Uint8Array.from(atob(content), (letter) => letter.charCodeAt(0)), type);
+/** Bytes of a file that the server has made. @param {{content: string}} made in base64 */
+export const bytesOf = ({ content }) => Uint8Array.from(atob(content), (letter) => letter.charCodeAt(0));
 
-/** Puts the command on the clipboard, or selects it where the browser forbids that. */
-export const copyCommand = async () => {
-  try {
-    await navigator.clipboard.writeText(byId("command").textContent ?? "");
-    byId("copy").textContent = "Copied";
-  } catch {
-    getSelection()?.selectAllChildren(byId("command"));
-    byId("copy").textContent = "Selected: copy it with Ctrl-C";
-  }
-};
+/** Offers a file that the server has made. @param {{name: string, type: string, content: string}} made */
+const offerMade = (made) => offer(made.name, bytesOf(made), made.type);

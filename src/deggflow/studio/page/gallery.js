@@ -1,42 +1,52 @@
 // @ts-check
-/** Scenes that were kept or opened, as small pictures. */
+/** Results that were kept or opened, as small pictures. */
 
-import { byId, html, svg } from "./elements.js";
-import { Picture } from "./picture.js";
+import { button, byId, html, svg } from "./elements.js";
+import { offer } from "./files.js";
+
+/** @typedef {import("./session.js").Entry} Entry */
+
+/** @typedef {import("./session.js").Session & {show(entry: Entry): unknown, keepShown(): unknown}} Keeper */
 
 export class Gallery {
-  /** @param {import("./studio.js").Studio} studio @param {import("./types.js").Library} library */
-  constructor(studio, library) {
-    this.studio = studio;
-    this.library = library;
-    /** @type {WeakMap<object, Element>} */
+  /**
+   * @param {Keeper} session
+   * @param {string} what "scene"
+   * @param {(root: SVGSVGElement, line: any) => void} draw a result's small picture
+   */
+  constructor(session, what, draw) {
+    this.session = session;
+    this.what = what;
+    this.draw = draw;
+    /** @type {WeakMap<Entry, Element>} */
     this.made = new WeakMap();
+    this.saver = button("Save all (JSON Lines)", { id: "save-all" }, () => {
+      offer(`${what}s.jsonl`, session.gallery.map(({ line }) => `${line}\n`).join(""), "application/jsonl");
+    });
+    this.home = html("ul", { id: "gallery", "aria-label": `${what}s that were kept or opened` });
+    const keep = button(`Keep this ${what}`, { id: "keep" }, () => session.attempt(() => session.keepShown()));
+    byId("collection").append(html("div", { class: "buttons" }, keep, this.saver), this.home);
   }
 
   refresh() {
-    const { gallery } = this.studio;
-    byId("save-all", HTMLButtonElement).disabled = gallery.length === 0;
+    const { gallery } = this.session;
+    this.saver.toggleAttribute("disabled", gallery.length === 0);
     const items = gallery.map((entry, k) => this.made.get(entry) ?? this.make(entry, k));
-    const home = byId("gallery");
-    if (items.length !== home.children.length || items.some((each, k) => each !== home.children[k])) {
-      home.replaceChildren(...items);
+    const { children } = this.home;
+    if (items.length !== children.length || items.some((each, k) => each !== children[k])) {
+      this.home.replaceChildren(...items);
     }
   }
 
-  /** @param {import("./studio.js").Studio["gallery"][number]} entry @param {number} number */
+  /** @param {Entry} entry @param {number} number */
   make(entry, number) {
-    const root = svg("svg", { class: "picture", "aria-hidden": "true" });
-    new Picture(root, this.library, { labels: false }).draw(entry.condition, entry.poses, null);
+    const root = /** @type {SVGSVGElement} */ (svg("svg", { class: "picture", "aria-hidden": "true" }));
+    this.draw(root, JSON.parse(entry.line));
     const words = entry.satisfied ? "all requirements hold" : (entry.reason ?? "not satisfied");
     const caption = html("span", entry.satisfied ? {} : { class: "wrong" }, words);
-    const open = html("button", { type: "button", class: "open", "aria-label": `Show scene ${number + 1}: ${words}` }, root, caption);
-    open.addEventListener("click", () => this.studio.show(entry.line));
-    const remove = html("button", { type: "button", class: "remove", "aria-label": `Remove scene ${number + 1}` }, "×");
-    remove.addEventListener("click", () => {
-      this.studio.gallery = this.studio.gallery.filter((each) => each !== entry);
-      this.studio.keep();
-      this.studio.onChange();
-    });
+    const open = button("", { class: "open", "aria-label": `Show ${this.what} ${number + 1}: ${words}` }, () => this.session.show(entry));
+    open.append(root, caption);
+    const remove = button("×", { class: "remove", "aria-label": `Remove ${this.what} ${number + 1}` }, () => this.session.remove(entry));
     const item = html("li", {}, open, remove);
     this.made.set(entry, item);
     return item;

@@ -1,27 +1,15 @@
 // @ts-check
 /** What can be dragged on the guided picture, and the keys that do the same. */
 
+import { Grips } from "./drag.js";
 import { svg } from "./elements.js";
 import { LIMITS, clamp, filled, local, middle, outline, placed, required, round, spoken, transform, turned, typeName, wrap } from "./geometry.js";
 
 /** @typedef {import("./types.js").Spot} Spot */
 /** @typedef {import("./types.js").Pose} Pose */
 
-/**
- * @typedef {object} Handle
- * @property {string} id
- * @property {string} label
- * @property {string} value as it is spoken
- * @property {Spot} at
- * @property {(to: Spot) => void} drag
- * @property {(right: number, up: number) => void} nudge by steps; a tenth with Shift
- */
-
-const CLICK = 3; // pixels that a click may wander
+const OBJECT = "object"; // the grip of the selected object itself
 const degrees = (/** @type {number} */ angle) => `${Math.round((180 / Math.PI) * angle)}°`;
-const ARROWS = /** @type {Record<string, Spot>} */ ({
-  ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1],
-});
 
 export class Handles {
   /**
@@ -35,14 +23,14 @@ export class Handles {
     this.lead = svg("line", { class: "lead" });
     this.group = svg("g");
     picture.extras.append(this.ghost, this.lead, this.group);
-    /** @type {{handle: string | null, name: string | null, pose: Pose | null, offset: Spot, start: Spot, moved: boolean} | null} */
-    this.dragged = null;
-    const { root } = picture;
-    root.addEventListener("pointerdown", (event) => this.press(event));
-    root.addEventListener("pointermove", (event) => this.follow(event));
-    root.addEventListener("pointerup", () => this.release());
-    root.addEventListener("pointercancel", () => this.release());
-    root.addEventListener("keydown", (event) => this.key(event));
+    /** @type {Pose | null} where the selected object was when the drag of its requirement began */
+    this.held = null;
+    const root = /** @type {SVGSVGElement} */ (picture.root);
+    this.grips = new Grips(root, () => this.all(), {
+      onStart: (id) => (this.held = ["region", "radius"].includes(id) ? this.pose() : null),
+      onEnd: (id, moved) => this.end(id, moved),
+      locate: (target) => this.locate(target),
+    });
     root.addEventListener("focusin", (event) => {
       const name = nameOf(event.target);
       if (name) this.select(name);
@@ -60,11 +48,11 @@ export class Handles {
   pose() {
     const { shown, selected } = this.studio;
     if (!shown || !selected) return null;
-    if (this.dragged?.pose && this.dragged.name === selected) return this.dragged.pose;
+    if (this.held) return this.held;
     return shown.poses[shown.condition.objects.indexOf(selected)] ?? null;
   }
 
-  /** @returns {Handle[]} */
+  /** @returns {import("./drag.js").Grip[]} */
   handles() {
     const { studio, picture } = this;
     if (!studio.shown) return [];
@@ -72,10 +60,10 @@ export class Handles {
   }
 
   get dragging() {
-    return { dragging: this.dragged !== null };
+    return { dragging: this.grips.dragged !== null };
   }
 
-  /** @returns {Handle[]} */
+  /** @returns {import("./drag.js").Grip[]} */
   ofRequirement() {
     const { studio, picture } = this;
     const { selected, condition } = studio;
@@ -122,7 +110,7 @@ export class Handles {
     ];
   }
 
-  /** @returns {Handle[]} */
+  /** @returns {import("./drag.js").Grip[]} */
   ofBalance() {
     const { studio } = this;
     const circle = studio.condition.balance;
@@ -202,78 +190,56 @@ export class Handles {
   drawGhost() {
     const { selected, condition } = this.studio;
     this.ghost.replaceChildren();
-    if (!selected || !this.dragged?.pose || !this.dragged.moved) return;
+    if (!selected || !this.held || !this.grips.dragged?.moved) return;
     const kind = this.picture.library.objects[typeName(selected)];
-    this.ghost.setAttribute("transform", transform(this.dragged.pose));
+    this.ghost.setAttribute("transform", transform(this.held));
     this.ghost.append(
       svg("path", { d: kind.footprint.map(outline).join("") }),
       ...required(kind, condition.requirements?.[selected]).map(({ x, y, radius }) => svg("circle", { cx: x, cy: y, r: radius })),
     );
   }
 
-  /** @param {PointerEvent} event */
-  press(event) {
-    if (event.button !== 0 || !(event.target instanceof Element)) return;
-    const handle = event.target.closest(".handle")?.getAttribute("data-handle") ?? null;
-    const region = event.target.closest(".region");
-    const name = nameOf(event.target) ?? this.ownerOf(region);
-    if (!handle && !name) return;
-    event.preventDefault();
-    if (name) this.select(name);
-    const at = this.spot(event);
-    const which = handle ?? (region ? "region" : null);
-    const pose = which === "region" || which === "radius" ? this.pose() : null;
-    const anchor = which ? this.handles().find(({ id }) => id === which)?.at : this.pose();
-    if (!anchor) return;
-    const offset = /** @type {Spot} */ ([anchor[0] - at[0], anchor[1] - at[1]]);
-    this.dragged = { handle: which, name: name ?? this.studio.selected, pose, offset, start: [event.clientX, event.clientY], moved: false };
-    this.picture.root.setPointerCapture(event.pointerId);
-    const focus = handle ? this.group.querySelector(`[data-handle="${handle}"]`) : name && this.picture.part(name).object;
-    if (focus) /** @type {SVGElement} */ (focus).focus({ preventScroll: true });
+  /** The grip at an element; its object is selected. @param {Element} target @returns {import("./drag.js").Found | null} */
+  locate(target) {
+    const handle = target.closest(".handle");
+    if (handle) return { id: handle.getAttribute("data-handle") ?? "", element: /** @type {SVGElement} */ (handle) };
+    const region = target.closest(".region");
+    const name = nameOf(target) ?? this.ownerOf(region);
+    if (!name) return null;
+    this.select(name);
+    return { id: region ? "region" : OBJECT, element: this.picture.part(name).object };
   }
 
-  /** @param {PointerEvent} event */
-  follow(event) {
-    const { dragged } = this;
-    if (!dragged) return;
-    if (!dragged.moved && Math.hypot(event.clientX - dragged.start[0], event.clientY - dragged.start[1]) < CLICK) return;
-    dragged.moved = true;
-    const at = this.spot(event);
-    const to = /** @type {Spot} */ ([at[0] + dragged.offset[0], at[1] + dragged.offset[1]]);
-    if (dragged.handle) this.handles().find(({ id }) => id === dragged.handle)?.drag(to);
-    else this.moveTo(to);
-  }
-
-  release() {
-    const { dragged } = this;
-    this.dragged = null;
-    if (dragged?.moved && dragged.handle) this.studio.edit(this.studio.condition);
-    else this.studio.onChange();
-  }
-
-  /** @param {Spot} to */
-  moveTo([x, y]) {
+  /** The selected object, moved by hand. @returns {import("./drag.js").Grip[]} */
+  ofObject() {
     const pose = this.pose();
     const { selected } = this.studio;
-    if (pose && selected) this.studio.moveByHand(selected, [round(x, 5), round(y, 5), pose[2]]);
+    if (!pose || !selected) return [];
+    const [x, y, theta] = pose;
+    const move = (/** @type {number} */ right, /** @type {number} */ up, /** @type {number} */ angle) =>
+      this.studio.moveByHand(selected, [round(right, 5), round(up, 5), angle]);
+    return [
+      {
+        id: OBJECT,
+        label: spoken(selected),
+        value: "",
+        at: [x, y],
+        drag: (to) => move(...to, theta),
+        nudge: (right, up) => move(x + 0.01 * right, y + 0.01 * up, theta),
+        turn: (steps) => move(x, y, round(theta + (steps * Math.PI) / 36, 5)),
+      },
+    ];
   }
 
-  /** @param {KeyboardEvent} event */
-  key(event) {
-    if (!(event.target instanceof Element) || event.ctrlKey || event.metaKey || event.altKey) return;
-    const step = event.shiftKey ? 0.1 : 1;
-    const arrow = ARROWS[event.key];
-    const handle = event.target.getAttribute("data-handle");
-    const pose = this.pose();
-    const turn = { q: 1, e: -1 }[event.key.toLowerCase()];
-    if (handle && arrow) {
-      this.handles().find(({ id }) => id === handle)?.nudge(step * arrow[0], step * arrow[1]);
-    } else if (nameOf(event.target) && pose && arrow) {
-      this.moveTo([pose[0] + 0.01 * step * arrow[0], pose[1] + 0.01 * step * arrow[1]]);
-    } else if (nameOf(event.target) && pose && turn && this.studio.selected) {
-      this.studio.moveByHand(this.studio.selected, [pose[0], pose[1], round(pose[2] + (step * turn * Math.PI) / 36, 5)]);
-    } else return;
-    event.preventDefault();
+  all() {
+    return [...this.handles(), ...this.ofObject()];
+  }
+
+  /** @param {string} id @param {boolean} moved */
+  end(id, moved) {
+    this.held = null;
+    if (moved && id !== OBJECT) this.studio.edit(this.studio.condition);
+    else this.studio.onChange();
   }
 
   /** @param {Element | null} region */
@@ -281,16 +247,9 @@ export class Handles {
     for (const [name, part] of this.picture.parts) if (region && part.regions.contains(region)) return name;
     return null;
   }
-
-  /** The pointer on the table, m. @param {PointerEvent} event @returns {Spot} */
-  spot(event) {
-    const root = /** @type {SVGSVGElement} */ (this.picture.root);
-    const point = new DOMPoint(event.clientX, event.clientY).matrixTransform(root.getScreenCTM()?.inverse());
-    return [point.x, -point.y];
-  }
 }
 
-/** @param {import("./studio.js").Studio} studio @param {{width: number, depth: number}} usual @param {{dragging: boolean}} options @returns {Handle[]} */
+/** @param {import("./studio.js").Studio} studio @param {{width: number, depth: number}} usual @param {{dragging: boolean}} options @returns {import("./drag.js").Grip[]} */
 const ofTable = (studio, usual, options) => {
   const { width, depth } = studio.condition.table ?? usual;
   const size = (/** @type {number} */ value) => round(clamp(value, 0.1, 5), 3);

@@ -2,45 +2,46 @@
 /** Puts the page together. */
 
 import { CertificateView } from "./certificate.js";
-import { Connection } from "./connection.js";
 import { Controls } from "./controls.js";
 import { byId, html } from "./elements.js";
 import { Files } from "./files.js";
 import { Gallery } from "./gallery.js";
 import { spoken } from "./geometry.js";
 import { Handles } from "./handles.js";
+import { listeners, openTask, say, showTrouble } from "./page.js";
 import { Picture, defineLooks } from "./picture.js";
 import { ReplayView } from "./replay.js";
-import { Studio } from "./studio.js";
+import { SolidView } from "./solid-view.js";
+import { Studio, posesOf } from "./studio.js";
 
 /** @typedef {import("./studio.js").Shown} Shown */
 /** @typedef {import("./types.js").Judgement} Judgement */
 
 const RANDOM = { size: 8, family: "changed", seed: 0 }; // the scene that a new page begins with
-
-/** @param {Error | null} error */
-const showTrouble = (error) => {
-  const place = byId("trouble");
-  place.hidden = error === null;
-  place.textContent = error ? error.message : "";
-};
-addEventListener("error", (event) => showTrouble(event.error ?? new Error(event.message)));
-addEventListener("unhandledrejection", (event) => showTrouble(event.reason));
+const COMPILING = "Making the first scene. The first one of a size is compiled, which can take half a minute; later ones take milliseconds.";
 
 /** @param {Judgement} judgement */
 const caption = (judgement) =>
   judgement.reason ? spoken(judgement.reason) : `all requirements hold, ${(1000 * judgement.min_margin).toFixed(1)} mm to spare`;
 
-/** @param {import("./types.js").Library} library @param {Connection} connection */
+/** @param {import("./types.js").Library} library @param {import("./connection.js").Connection} connection */
 const build = (library, connection) => {
   defineLooks(byId("looks"), library);
   const nominal = new Picture(byId("nominal", SVGElement), library);
   const guided = new Picture(byId("guided", SVGElement), library);
-  const studio = new Studio(connection, () => refresh(), showTrouble, (busy) => byId("scene").setAttribute("aria-busy", String(busy)));
+  const studio = new Studio(connection, listeners(() => refresh()));
   const handles = new Handles(guided, studio);
   const controls = new Controls(studio, library);
   const certificate = new CertificateView((margin) => guided.mark(margin));
-  const gallery = new Gallery(studio, library);
+  const gallery = new Gallery(studio, "scene", (root, { condition, ...scene }) =>
+    new Picture(root, library, { labels: false }).draw(condition, posesOf(scene), null),
+  );
+  const shownFields = () => {
+    if (!studio.shown) throw new Error("There is no scene yet.");
+    const { condition, poses } = studio.shown;
+    return { condition, poses };
+  };
+  const solid = new SolidView(studio, shownFields);
   const replay = new ReplayView(
     async () => {
       const { shown } = studio;
@@ -62,9 +63,20 @@ const build = (library, connection) => {
       for (const picture of [nominal, guided]) picture.root.classList.toggle("replaying", underway);
       nominal.move(studio.shown.condition, before);
       guided.move(studio.shown.condition, after);
+      solid.move(studio.shown.condition.objects, after);
     },
   );
-  new Files(studio);
+  const files = new Files(studio, {
+    what: "scene",
+    line: () => studio.currentLine(),
+    fields: shownFields,
+    film: async () => {
+      const found = studio.shown?.origin === "generated" ? await replay.loaded() : null;
+      if (!found) throw new Error("A video shows how a scene was generated: generate this one first.");
+      const { tau, nominal: before, guided: after } = found;
+      return { condition: shownFields().condition, tau, nominal: before, guided: after };
+    },
+  });
   byId("undo-move").addEventListener("click", () => studio.undoMoves());
   /** @type {Shown | null} */
   let drawn = null;
@@ -83,9 +95,12 @@ const build = (library, connection) => {
       if (shown.nominal) nominal.draw(shown.condition, shown.nominal.poses, shown.nominal.judgement);
       if (started) replay.reset(shown.trace);
       certificate.draw(shown);
+      solid.outdated = true;
       report(shown);
+      files.showCommand(shown.command, "No command makes this scene: it was edited, comes from a file, or is a draw chosen by hand. Save it instead.");
     }
     handles.refresh();
+    if (shown) solid.follow(handles.dragging.dragging, shown.condition.objects, shown.poses);
     byId("undo-move").hidden = studio.before === null;
     if (studio.slow) say(shown ? "Working." : COMPILING);
     else if (shown) say(summary(shown));
@@ -96,18 +111,10 @@ const build = (library, connection) => {
     guided.draw(drawn.condition, drawn.poses, drawn.judgement);
     guided.nameBreaches(drawn.judgement);
     if (drawn.nominal) nominal.draw(drawn.condition, drawn.nominal.poses, drawn.nominal.judgement);
-    certificate.remark();
+    certificate.table.remark();
     handles.refresh();
   });
   return studio;
-};
-
-const COMPILING = "Making the first scene. The first one of a size is compiled, which can take half a minute; later ones take milliseconds.";
-
-/** @param {string} words */
-const say = (words) => {
-  const place = byId("status");
-  if (place.textContent !== words) place.textContent = words;
 };
 
 /** @param {Shown} shown */
@@ -119,35 +126,11 @@ const summary = (shown) => {
   return `${how}: ${caption(judgement)}${draws}.${agree}`;
 };
 
-/** Captions, what is not met, and the command. @param {Shown} shown */
+/** Captions, and what is not met. @param {Shown} shown */
 const report = (shown) => {
   byId("guided-caption").textContent = caption(shown.judgement);
   byId("nominal-caption").textContent = shown.nominal ? caption(shown.nominal.judgement) : "not known of a scene from a file";
   byId("unmet").replaceChildren(...shown.judgement.breaches.map((words) => html("li", {}, spoken(words))));
-  byId("command").textContent = shown.command ?? "";
-  byId("copy").hidden = byId("command").hidden = shown.command === null;
-  byId("copy").textContent = "Copy command";
-  byId("command-note").textContent = shown.command
-    ? "The command that makes this scene:"
-    : "No command makes this scene: it was edited, comes from a file, or is a draw chosen by hand. Save it instead.";
 };
 
-/** @type {Studio | null} */
-let studio = null;
-const connection = new Connection("tabletop", async (open) => {
-  if (!open) {
-    showTrouble(new Error("The studio has stopped, or this page was opened without its token. Start `deggflow studio` and open the address it prints."));
-    return;
-  }
-  showTrouble(null);
-  if (studio) {
-    if (!studio.shown) studio.generate();
-    return;
-  }
-  say("Loading the objects.");
-  studio = build(await connection.ask("library"), connection);
-  if (!studio.restore()) studio.condition = (await connection.ask("draw", RANDOM)).condition;
-  studio.onChange();
-  say(COMPILING);
-  studio.generate();
-});
+openTask({ desk: "tabletop", first: "library", loading: "Loading the objects.", compiling: COMPILING, random: { ask: "draw", fields: RANDOM }, build });

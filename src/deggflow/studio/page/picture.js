@@ -3,6 +3,7 @@
 
 import { svg } from "./elements.js";
 import { outline, required, spoken, transform, typeName } from "./geometry.js";
+import { drawGap } from "./margins.js";
 
 /** @typedef {import("./types.js").Condition} Condition */
 /** @typedef {import("./types.js").Pose} Pose */
@@ -58,12 +59,7 @@ export class Picture {
     /** @type {Map<string, {regions: SVGElement, object: SVGElement, label: SVGElement}>} */
     this.parts = new Map();
     this.width = this.depth = 1;
-  }
-
-  /** Metres of a pixel. */
-  get pixel() {
-    const { clientWidth, clientHeight } = this.root;
-    return Math.max(this.width / Math.max(clientWidth, 1), this.depth / Math.max(clientHeight, 1));
+    this.pixel = 1; // m; asking for it on the way would lay the page out once for every object
   }
 
   /**
@@ -77,6 +73,8 @@ export class Picture {
     this.depth = depth + 2 * AROUND;
     const view = [-this.width / 2, -this.depth / 2, this.width, this.depth];
     set(this.root, { viewBox: view.join(" ") });
+    const { clientWidth, clientHeight } = this.root;
+    this.pixel = Math.max(this.width / Math.max(clientWidth, 1), this.depth / Math.max(clientHeight, 1));
     set(this.table, { x: -width / 2, y: -depth / 2, width, height: depth });
     set(this.labels, { "font-size": 11 * this.pixel, "stroke-width": 2.5 * this.pixel });
     this.keepOnly(condition.objects);
@@ -141,22 +139,7 @@ export class Picture {
 
   /** Shows where a margin is. @param {Margin | null} margin */
   mark(margin) {
-    this.gap.replaceChildren();
-    this.labels.querySelector(".gap-text")?.remove();
-    if (!margin) return;
-    const [[x1, y1], [x2, y2]] = margin.gap;
-    this.gap.classList.toggle("wrong", !(margin.margin >= 0));
-    const end = 3 * this.pixel;
-    this.gap.append(
-      svg("line", { x1, y1, x2, y2 }),
-      svg("circle", { cx: x1, cy: y1, r: end }),
-      svg("circle", { cx: x2, cy: y2, r: end }),
-    );
-    const words = `${(1000 * margin.margin).toFixed(1)} mm`;
-    const text = svg("text", { class: "gap-text", x: this.within((x1 + x2) / 2, words), y: -(y1 + y2) / 2 - 7 * this.pixel });
-    text.textContent = words;
-    text.classList.toggle("wrong", !(margin.margin >= 0));
-    this.labels.append(text);
+    drawGap(this.gap, this.labels, margin, this.pixel, (x, words) => this.within(x, words));
   }
 
   /** Names the worst breaches where they are, numbered as in the list below. @param {Judgement | null} judgement */

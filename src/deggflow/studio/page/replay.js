@@ -4,12 +4,13 @@
 import { drawChart, moveCursor } from "./chart.js";
 import { byId } from "./elements.js";
 import { between } from "./geometry.js";
+import { Player } from "./player.js";
 
 /** @typedef {import("./types.js").Pose} Pose */
 /** @typedef {import("./types.js").Trace} Trace */
 /** @typedef {import("./types.js").Replay} Replay */
 
-const DURATION = 4000; // ms of a replay
+const DURATION = 4; // s of a replay
 
 export class ReplayView {
   /**
@@ -25,21 +26,21 @@ export class ReplayView {
     this.trace = null;
     /** @type {import("./chart.js").Chart[]} */
     this.charts = [];
-    this.playing = 0;
     this.scene = 0; // counts the scenes that were shown
     this.slider = byId("tau", HTMLInputElement);
-    this.button = byId("play");
     this.text = byId("tau-text");
-    this.slider.addEventListener("input", () => {
-      this.stop();
-      this.showAt(this.slider.valueAsNumber);
-    });
-    this.button.addEventListener("click", () => (this.playing ? this.stop() : this.play()));
+    this.player = new Player(
+      this.slider,
+      (tau) => this.showAt(tau),
+      async () => {
+        if (await this.loaded()) this.player.run(0, 1, 1 / DURATION);
+      },
+    );
   }
 
   /** Another scene. @param {Trace | null} trace */
   reset(trace) {
-    this.stop();
+    this.player.stop();
     this.replay = null;
     this.scene += 1;
     this.trace = trace;
@@ -71,26 +72,6 @@ export class ReplayView {
       this.point(this.slider.valueAsNumber);
     }
     return this.replay;
-  }
-
-  async play() {
-    if (!(await this.loaded())) return;
-    const start = performance.now();
-    this.button.textContent = "Stop";
-    const step = (/** @type {number} */ now) => {
-      const tau = Math.min(Math.max((now - start) / DURATION, 0), 1);
-      this.slider.value = String(tau);
-      this.showAt(tau);
-      if (tau < 1) this.playing = requestAnimationFrame(step);
-      else this.stop();
-    };
-    this.playing = requestAnimationFrame(step);
-  }
-
-  stop() {
-    cancelAnimationFrame(this.playing);
-    this.playing = 0;
-    this.button.textContent = "Play";
   }
 
   drawCharts() {

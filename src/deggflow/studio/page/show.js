@@ -2,9 +2,10 @@
 /** A sample of any problem in the plane: states over tau, margins, values against bounds, inputs. */
 
 import { drawChart, moveCursor } from "./chart.js";
-import { Connection } from "./connection.js";
-import { byId, html, svg } from "./elements.js";
+import { button, byId, html, numberCell, svg, table } from "./elements.js";
 import { between, outline } from "./geometry.js";
+import { openPage, say } from "./page.js";
+import { Player } from "./player.js";
 
 /**
  * @typedef {import("./types.js").Spot} Spot
@@ -14,7 +15,7 @@ import { between, outline } from "./geometry.js";
  *   inputs: number[][], satisfied: boolean, reason: string | null, hypotheses: string, verdicts: Verdict[], margins: (number | null)[][], trace: Trace | null}} Problem
  */
 
-const DURATION = 4000; // ms of a replay
+const DURATION = 4; // s of a replay
 const ROUND = 0.06; // of the picture's width, around everything
 
 class SampleView {
@@ -24,16 +25,15 @@ class SampleView {
     this.root = byId("picture", SVGSVGElement);
     /** @type {number | null} */
     this.chosen = null;
-    this.frame = 0;
     this.slider = byId("tau", HTMLInputElement);
     this.build();
     this.tables();
     this.charts();
-    this.slider.addEventListener("input", () => {
-      this.stop();
-      this.show(this.slider.valueAsNumber);
-    });
-    byId("play").addEventListener("click", () => (this.frame ? this.stop() : this.play()));
+    const player = new Player(
+      this.slider,
+      (tau) => this.show(tau),
+      () => player.run(0, 1, 1 / DURATION),
+    );
     addEventListener("resize", () => this.show(this.slider.valueAsNumber));
     this.show(1);
   }
@@ -131,42 +131,21 @@ class SampleView {
 
   tables() {
     const { verdicts, margins, agents } = this.problem;
-    const head = (/** @type {string[]} */ names) =>
-      html("thead", {}, html("tr", {}, ...names.map((name, k) => html("th", { scope: "col", class: k ? "number" : "text" }, name))));
-    const number = (/** @type {number | null} */ value) => html("td", { class: "number" }, value === null ? "-" : value.toPrecision(3));
+    const number = (/** @type {number | null} */ value) => numberCell(value === null ? "-" : value.toPrecision(3));
     const rows = verdicts.map(({ name, margin, reason }) => {
       const row = html("tr", {}, html("td", {}, name), number(margin), html("td", {}, reason ?? "holds"));
       row.classList.toggle("wrong", reason !== null);
       return row;
     });
-    const heads = html("tr", {}, ...["requirement", "least margin", "verdict"].map((name, k) => html("th", { scope: "col", class: k === 1 ? "number" : "text" }, name)));
-    byId("verdicts").replaceChildren(html("table", {}, html("thead", {}, heads), html("tbody", {}, ...rows)));
+    byId("verdicts").replaceChildren(table(["requirement", "-least margin", "verdict"], html("tbody", {}, ...rows)));
     const each = agents.map((name, agent) => {
-      const button = html("button", { type: "button", class: "plain" }, name);
-      button.addEventListener("click", () => this.choose(agent));
-      const row = html("tr", {}, html("td", {}, button), ...margins.map((margin) => number(margin[agent])));
+      const choose = button(name, { class: "plain" }, () => this.choose(agent));
+      const row = html("tr", {}, html("td", {}, choose), ...margins.map((margin) => number(margin[agent])));
       row.classList.toggle("wrong", margins.some((margin) => (margin[agent] ?? 0) < 0));
       return row;
     });
-    byId("margins").replaceChildren(html("table", {}, head(["agent", ...verdicts.map(({ name }) => name)]), html("tbody", {}, ...each)));
-  }
-
-  play() {
-    const start = performance.now();
-    byId("play").textContent = "Stop";
-    const step = (/** @type {number} */ now) => {
-      const tau = Math.min(Math.max((now - start) / DURATION, 0), 1);
-      this.show(tau);
-      if (tau < 1) this.frame = requestAnimationFrame(step);
-      else this.stop();
-    };
-    this.frame = requestAnimationFrame(step);
-  }
-
-  stop() {
-    cancelAnimationFrame(this.frame);
-    this.frame = 0;
-    byId("play").textContent = "Play";
+    const heads = ["agent", ...verdicts.map(({ name }) => `-${name}`)];
+    byId("margins").replaceChildren(table(heads, html("tbody", {}, ...each)));
   }
 }
 
@@ -176,21 +155,15 @@ const least = (numbers) => numbers.reduce((a, b) => Math.min(a, b), Infinity);
 /** @param {number[][]} points */
 const line = (points) => `M${points.map(([x, y]) => `${x} ${y}`).join("L")}`;
 
-/** @param {Error | null} error */
-const showTrouble = (error) => {
-  byId("trouble").hidden = error === null;
-  byId("trouble").textContent = error ? error.message : "";
-};
-addEventListener("error", (event) => showTrouble(event.error ?? new Error(event.message)));
-addEventListener("unhandledrejection", (event) => showTrouble(event.reason));
-
-let shown = false;
-const connection = new Connection("show", async (open) => {
-  showTrouble(open || shown ? null : new Error("The program that showed this sample has ended."));
-  if (!open || shown) return;
-  const problem = await connection.ask("problem");
-  new SampleView(problem);
-  shown = true;
-  const verdict = problem.satisfied ? "Satisfied" : `NOT satisfied: ${problem.reason}`;
-  byId("status").textContent = `${verdict}. The hypotheses of the theorems: ${problem.hypotheses}.`;
+openPage({
+  desk: "show",
+  first: "problem",
+  loading: "Loading the sample.",
+  lasting: true,
+  gone: "The program that showed this sample has ended.",
+  build: (/** @type {Problem} */ problem) => {
+    new SampleView(problem);
+    const verdict = problem.satisfied ? "Satisfied" : `NOT satisfied: ${problem.reason}`;
+    say(`${verdict}. The hypotheses of the theorems: ${problem.hypotheses}.`);
+  },
 });

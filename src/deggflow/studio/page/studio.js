@@ -1,7 +1,7 @@
 // @ts-check
 /** The page's state: what is asked for, what is shown, and how the one follows the other. */
 
-import { Lost } from "./connection.js";
+import { Session, entryOf, latestOnly } from "./session.js";
 
 /** @typedef {import("./types.js").Condition} Condition */
 /** @typedef {import("./types.js").Affordance} Affordance */
@@ -26,82 +26,22 @@ import { Lost } from "./connection.js";
  * @property {"generated" | "edited" | "moved" | "file"} origin
  */
 
-const KEY = "deggflow-studio"; // of this tab's storage
-
-/** Runs one task at a time; of those that come meanwhile, the last. */
-export const latestOnly = () => {
-  let busy = false;
-  /** @type {(() => Promise<void>) | null} */
-  let next = null;
-  /** @param {() => Promise<void>} task */
-  const run = async (task) => {
-    if (busy) {
-      next = task;
-      return;
-    }
-    busy = true;
-    try {
-      await task();
-    } finally {
-      busy = false;
-      const waiting = next;
-      next = null;
-      if (waiting) run(waiting);
-    }
-  };
-  return run;
-};
-
-export class Studio {
-  /**
-   * @param {import("./connection.js").Connection} connection
-   * @param {() => void} onChange
-   * @param {(error: Error | null) => void} onTrouble
-   * @param {(busy: boolean) => void} onBusy
-   */
-  constructor(connection, onChange, onTrouble, onBusy) {
-    this.connection = connection;
-    this.onChange = onChange;
-    this.onTrouble = onTrouble;
-    this.onBusy = onBusy;
+export class Studio extends Session {
+  /** @param {import("./connection.js").Connection} connection @param {import("./session.js").Listeners} listeners */
+  constructor(connection, listeners) {
+    super(connection, listeners, "deggflow-studio", ["condition", "seed", "maxDraws", "draw", "live"]);
     this.run = latestOnly();
     /** @type {Condition} */
     this.condition = { objects: [] };
-    this.seed = 0;
-    this.maxDraws = 8;
     /** @type {number | null} */
     this.draw = null;
-    this.live = true;
     /** @type {string | null} */
     this.selected = null;
     /** @type {Shown | null} */
     this.shown = null;
     /** @type {Shown | null} what was generated before objects were moved by hand */
     this.before = null;
-    /** @type {{line: string, condition: Condition, poses: Pose[], satisfied: boolean, reason: string | null}[]} */
-    this.gallery = [];
     this.slow = false;
-  }
-
-  /** What an earlier visit of this tab left. @returns {boolean} whether there was something */
-  restore() {
-    try {
-      const kept = JSON.parse(sessionStorage.getItem(KEY) ?? "null");
-      if (!kept) return false;
-      Object.assign(this, kept);
-      return true;
-    } catch {
-      return false;
-    }
-  }
-
-  keep() {
-    const { condition, seed, maxDraws, draw, live, gallery } = this;
-    try {
-      sessionStorage.setItem(KEY, JSON.stringify({ condition, seed, maxDraws, draw, live, gallery }));
-    } catch {
-      // The tab's storage is full: the page works without it.
-    }
   }
 
   /**
@@ -123,6 +63,10 @@ export class Studio {
     const requirements = { ...this.condition.requirements };
     requirements[name] = { offset_scale: 1, radius_scale: 1, direction: 0, ...requirements[name], ...part };
     this.edit({ ...this.condition, requirements }, options);
+  }
+
+  start() {
+    return this.generate();
   }
 
   /** @param {{dragging?: boolean}} options */
@@ -182,12 +126,8 @@ export class Studio {
     return (await this.connection.ask("line", { condition, poses, seed: this.seed })).line;
   }
 
-  async keepScene() {
-    if (!this.shown) return;
-    const { condition, poses, judgement } = this.shown;
-    const { satisfied, reason } = judgement;
-    this.gallery.push({ line: await this.currentLine(), condition, poses, satisfied, reason });
-    this.onChange();
+  async keepShown() {
+    this.add([entryOf(await this.currentLine())]);
   }
 
   /** Rows of a file that the server has read. @param {{line?: string, condition?: Condition}[]} rows */
@@ -198,17 +138,13 @@ export class Studio {
       this.edit(first.condition);
       return;
     }
-    for (const { line } of rows) {
-      if (!line) continue;
-      const { condition, certificate, ...scene } = JSON.parse(line);
-      const { satisfied, reason } = certificate;
-      this.gallery.push({ line, condition, poses: posesOf(scene), satisfied, reason });
-    }
-    await this.show(this.gallery[this.gallery.length - rows.length].line);
+    const entries = rows.flatMap(({ line }, number) => (line ? [entryOf(line, number)] : []));
+    this.add(entries);
+    await this.show(entries[0]);
   }
 
-  /** A scene of the gallery. @param {string} line */
-  show(line) {
+  /** A scene of the gallery. @param {import("./session.js").Entry} entry */
+  show({ line }) {
     return this.work(async () => {
       const scene = JSON.parse(line);
       const poses = posesOf(scene);
@@ -231,18 +167,12 @@ export class Studio {
         this.slow = true;
         this.onChange();
       }, 400);
-      try {
-        await task();
-        this.onTrouble(null);
-      } catch (error) {
-        if (!(error instanceof Lost)) this.onTrouble(/** @type {Error} */ (error));
-      } finally {
-        clearTimeout(slow);
-        this.slow = false;
-        this.keep();
-        this.onChange();
-        this.onBusy(false);
-      }
+      await this.attempt(task);
+      clearTimeout(slow);
+      this.slow = false;
+      this.keep();
+      this.onChange();
+      this.onBusy(false);
     });
   }
 }

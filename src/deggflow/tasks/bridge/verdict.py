@@ -70,11 +70,23 @@ def robot_centres(contacts: Sequence[Sequence[float]]) -> Float[np.ndarray, "rob
     return np.stack([r[:, 0], np.copysign(world.CENTRE_SIDE, r[:, 1])], -1)
 
 
+def corners(poses: Poses) -> Float[np.ndarray, "... 4 2"]:
+    """The plank's corners (m) at each pose."""
+    return np.asarray(poses[..., None, :2] + _rotated(poses[..., 2], _CORNERS))
+
+
+def robot_places(
+    poses: Poses, contacts: Sequence[Sequence[float]]
+) -> Float[np.ndarray, "... robots 2"]:
+    """Robots' centres (m) at each pose of the plank."""
+    return np.asarray(poses[..., None, :2] + _rotated(poses[..., 2], robot_centres(contacts)))
+
+
 def margins(poses: Poses, contacts: Sequence[Sequence[float]]) -> Margins:
     """Distances to every kind of failure, at each pose."""
-    corners = poses[..., None, :2] + _rotated(poses[..., 2], _CORNERS)
-    low, high = corners.min(-2), corners.max(-2)
-    robots = poses[..., None, :2] + _rotated(poses[..., 2], robot_centres(contacts))
+    plank_corners = corners(poses)
+    low, high = plank_corners.min(-2), plank_corners.max(-2)
+    robots = robot_places(poses, contacts)
     x, y = robots[..., 0], robots[..., 1]
     inside = np.minimum(
         np.minimum(x - world.X_MIN, world.X_MAX - x), np.minimum(y - world.Y_MIN, world.Y_MAX - y)
@@ -128,20 +140,30 @@ class Passage(NamedTuple):
     reason: str | None  # the first failure
 
 
-def on_the_way(
+def decisive_times(
     poses: Float[np.ndarray, "actions 3"],
     twists: Float[np.ndarray, "actions 3"],
     contacts: Sequence[Sequence[float]],
-) -> list[Passage]:
-    """Each action from its initial pose, by the least margins along the whole arc (`arcs`)."""
-    if not len(poses):
-        return []
+) -> Float[np.ndarray, "actions times"]:
+    """Times (s) within every action at which a margin can be least, its end included (`arcs`)."""
     robots = robot_centres(contacts)
     times = in_order(_REGULAR, turning_times(poses, twists, np.concatenate([_CORNERS, robots])))
     # Where the plank's centre or a robot passes the middle of the gap, the nearer side changes.
     passing = crossing_times(poses, twists, np.concatenate([_CENTRE, robots]), times)
     if passing.size:
         times = in_order(_REGULAR, np.concatenate([times, passing], axis=1))
+    return times
+
+
+def on_the_way(
+    poses: Float[np.ndarray, "actions 3"],
+    twists: Float[np.ndarray, "actions 3"],
+    contacts: Sequence[Sequence[float]],
+) -> list[Passage]:
+    """Each action from its initial pose, by the least margins along its whole arc."""
+    if not len(poses):
+        return []
+    times = decisive_times(poses, twists, contacts)
     distances = margins(moved(poses[:, None], twists[:, None], times), contacts)
     out = []
     for k, room in enumerate(distances.least()):

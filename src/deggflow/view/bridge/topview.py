@@ -10,7 +10,8 @@ from matplotlib.patches import Annulus, Circle, Polygon, Rectangle
 
 from deggflow.tasks.bridge import world
 from deggflow.view.colours import FAULT
-from deggflow.view.topview import figure_size, pixels, placed, set_extent, topview_axes
+from deggflow.view.outlines import placed
+from deggflow.view.topview import figure_size, pixels, set_extent, topview_axes
 
 from .moment import THICKNESS, Moment
 from .parts import ACCENTS, DARK_WOOD, WOOD

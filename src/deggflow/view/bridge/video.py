@@ -12,9 +12,9 @@ from PIL import Image, ImageDraw
 from deggflow.files import StrPath
 from deggflow.tasks.bridge.process import TICK, Process
 from deggflow.tasks.bridge.process import Stage as ProcessStage
-from deggflow.view.picture import GREY, INK, fitting, font
+from deggflow.view.picture import GREY, INK, Sheet, fitting, font
 from deggflow.view.stage import VIDEO_OVERSAMPLING, Camera, RendererName, Shot, Stage
-from deggflow.view.video import BAR, even, frame, write_frames
+from deggflow.view.video import BAR, counted, even, frame, write_frames
 
 from .moment import Moment, moment_of
 from .pictures import FAULT_INK, TITLES
@@ -78,18 +78,14 @@ def write_process_video(
         for each in processes:
             stage = stages.enter_context(closing(bridge_stage(each, shot)))
             sides.append(_Side(each, stage))
-        write_frames(path, _frames(sides, titles, on_frame), fps)
+        total = max(len(side.process.stage) for side in sides)
+        write_frames(path, counted(_frames(sides, titles, total), total, on_frame), fps)
 
 
-def _frames(
-    sides: list[_Side], titles: tuple[str, str], on_frame: Callable[[int, int], None] | None
-) -> Iterator[UInt8[np.ndarray, "rows columns 3"]]:
-    total = max(len(side.process.stage) for side in sides)
+def _frames(sides: list[_Side], titles: tuple[str, str], total: int) -> Iterator[Sheet]:
     columns = [_column(side, total) for side in sides]
-    for count, images in enumerate(zip(*columns, strict=True), start=1):
+    for images in zip(*columns, strict=True):
         yield even(frame(images, titles))
-        if on_frame is not None:
-            on_frame(count, total)
 
 
 def _column(side: _Side, total: int) -> Iterator[UInt8[np.ndarray, "rows width 3"]]:

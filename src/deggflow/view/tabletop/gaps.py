@@ -12,7 +12,7 @@ from shapely.geometry.base import BaseGeometry
 from deggflow.tasks.tabletop.condition import SceneCondition
 from deggflow.tasks.tabletop.library import object_type
 from deggflow.tasks.tabletop.verdict import Kind, Margin
-from deggflow.view.topview import placed
+from deggflow.view.outlines import placed
 
 from .marks import centre_of_mass, discs_of
 

@@ -1,6 +1,5 @@
 """The scene from above, drawn by matplotlib: needs no OpenGL, can be saved as vector graphics."""
 
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -12,22 +11,14 @@ from matplotlib.patches import Circle
 from matplotlib.patheffects import withStroke
 
 from deggflow.tasks.tabletop.condition import Balance, SceneCondition
-from deggflow.tasks.tabletop.library import object_type, type_name
+from deggflow.tasks.tabletop.library import type_name
 from deggflow.tasks.tabletop.verdict import Verdict, judge
-from deggflow.view.colours import FAULT, Colour
-from deggflow.view.topview import (
-    ROUND,
-    Polygon,
-    figure_size,
-    pixels,
-    placed,
-    set_extent,
-    silhouette,
-    topview_axes,
-)
+from deggflow.view.colours import FAULT
+from deggflow.view.outlines import Polygon, placed
+from deggflow.view.topview import figure_size, pixels, set_extent, topview_axes
 
-from .bodies import solids_of
 from .marks import Marks, centre_of_mass, checked_poses, discs_of, marks_of
+from .outlines import footprints, silhouettes
 
 # Bluish green and vermilion differ for colour-blind readers too (Okabe and Ito, 2008); hatching and
 # dashes tell them apart in print without colour.
@@ -166,20 +157,3 @@ def _write_name(axes: Axes, name: str, pose: Float[np.ndarray, " 3"]) -> None:
 def _draw(axes: Axes, polygons: list[Polygon], zorder: float, **style: Any) -> None:
     """Polygons in matplotlib's `style`; what lies beyond the axes is drawn too."""
     axes.add_collection(PolyCollection(polygons, zorder=zorder, clip_on=False, **style))
-
-
-@cache
-def footprints(name: str) -> list[Polygon]:
-    """Outlines of the library's shapes, in the body frame."""
-    outlines = []
-    for part in object_type(name).primitives:
-        core = np.array([part.half_x - part.corner, part.half_y - part.corner])
-        around = np.stack([np.cos(ROUND + 1e-9), np.sin(ROUND + 1e-9)], axis=-1)
-        outlines.append(np.sign(around) * core + part.corner * around + [part.x, part.y])
-    return outlines
-
-
-@cache
-def silhouettes(name: str) -> list[tuple[Polygon, Colour]]:
-    """What is seen of each solid from above; they are listed from the bottom up."""
-    return [(silhouette(solid), solid.colour) for solid in solids_of(name)]

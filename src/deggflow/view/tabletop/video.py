@@ -1,6 +1,6 @@
 """A short video of a generation: objects move to their places, regions turn green on the way."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 
 import numpy as np
@@ -12,7 +12,7 @@ from deggflow.tasks.tabletop.condition import SceneCondition
 from deggflow.tasks.tabletop.verdict import judge
 from deggflow.view.picture import INK, Picture, Sheet, font
 from deggflow.view.stage import VIDEO_OVERSAMPLING, Camera, RendererName, Shot, Stage
-from deggflow.view.video import BAR, even, frame, write_frames
+from deggflow.view.video import BAR, counted, even, frame, write_frames
 
 from .marks import checked_poses
 from .stage import Arrangement, tabletop_stage
@@ -33,6 +33,7 @@ def write_video(
     height: int = 480,
     camera: Camera = "studio",
     renderer: RendererName = "auto",
+    on_frame: Callable[[int, int], None] | None = None,
 ) -> None:
     """Writes a generation as MP4 (H.264, yuv420p); a kill leaves the old file or the new one.
 
@@ -48,6 +49,7 @@ def write_video(
         height: Of one generation's picture, pixels.
         camera: "studio" (slanted) or "top"; MuJoCo only.
         renderer: As in `deggflow.view.tabletop.render`.
+        on_frame: Told how many frames are drawn, and of how many, after each.
 
     Raises:
         ValueError: If there is no frame, or the sequences differ in length.
@@ -62,7 +64,7 @@ def write_video(
             _finished(list(pictures), tau, titles)
             for *pictures, tau in zip(*columns, times, strict=True)
         )
-        write_frames(path, frames, fps)
+        write_frames(path, counted(frames, len(times), on_frame), fps)
 
 
 def _checked_times(

@@ -1,32 +1,23 @@
-"""Files of a scene, made in memory."""
+"""Files of a scene, made in memory: pictures and models."""
 
 from collections.abc import Callable, Mapping
 from io import BytesIO
-from typing import NamedTuple
 
 from PIL import Image
 
 from deggflow.tasks.tabletop.condition import SceneCondition
-from deggflow.tasks.tabletop.verdict import Poses
+from deggflow.tasks.tabletop.verdict import Poses, judge
+from deggflow.view.glb import TYPE, model_glb
 from deggflow.view.tabletop import render, scene_mjcf
-from deggflow.view.tabletop.topview import topview_figure
+from deggflow.view.tabletop.mjcf import ASPECT
+from deggflow.view.tabletop.stage import Arrangement, TabletopModel
 
-
-class Export(NamedTuple):
-    """A file.
-
-    Attributes:
-        name: Suggested to the user.
-        type: Its media type.
-        content: What it holds.
-    """
-
-    name: str
-    type: str
-    content: bytes
+from .messages import Export
 
 
 def _svg(condition: SceneCondition, poses: Poses) -> Export:
+    from deggflow.view.tabletop.topview import topview_figure  # brings matplotlib
+
     figure, buffer = topview_figure(condition, poses), BytesIO()
     figure.savefig(buffer, format="svg", metadata={"Date": None})
     return Export("scene.svg", "image/svg+xml", buffer.getvalue())
@@ -42,8 +33,15 @@ def _mjcf(condition: SceneCondition, poses: Poses) -> Export:
     return Export("scene.xml", "application/xml", scene_mjcf(condition, poses).encode())
 
 
-EXPORTS: Mapping[str, Callable[[SceneCondition, Poses], Export]] = {
+def _glb(condition: SceneCondition, poses: Poses) -> Export:
+    model = TabletopModel(condition, ASPECT)
+    model.place(Arrangement(poses, judge([condition], [poses])[0]))
+    return Export("scene.glb", TYPE, model_glb(model.model, model.data))
+
+
+SCENE_EXPORTS: Mapping[str, Callable[[SceneCondition, Poses], Export]] = {
     "svg": _svg,
     "png": _png,
     "mjcf": _mjcf,
+    "glb": _glb,
 }
