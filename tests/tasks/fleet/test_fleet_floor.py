@@ -111,7 +111,9 @@ def test_routes_lead_around_long_walls():
     np.testing.assert_allclose(paths[:, -1], goals)
     walls = [box(-0.5, -0.4, -0.4, 0.8), Point(0.5, -0.1).buffer(0.2), box(0.0, -0.8, 0.1, 0.4)]
     distances = [min(LineString(path).distance(wall) for wall in walls) for path in paths]
-    assert min(distances) > condition.radius / 2  # corners are rounded; guidance keeps the discs clear
+    assert (
+        min(distances) > condition.radius / 2
+    )  # corners are rounded; guidance keeps the discs clear
     assert (
         sum(LineString([a, b]).distance(walls[0]) == 0 for a, b in zip(starts, goals, strict=True))
         > 2
