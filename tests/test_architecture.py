@@ -45,6 +45,7 @@ FLOORS = [
         "guided_field",
         "trace",
         "generation",
+        "hints",
         "step_guard",
         "certificate",
         "consistency",

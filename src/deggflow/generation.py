@@ -13,6 +13,7 @@ from .arguments import check_leading_axis, checked_grid, checked_start, per_agen
 from .drift import EVERY_STEP, AbstractDrift, Interval, aligned
 from .flow import Field
 from .guidance import AbstractGuidance
+from .hints import advise_compiling
 from .guided_field import GuidedField
 from .identity import requirement_numbers
 from .notebook import generation_html
@@ -81,6 +82,9 @@ def generate(
 ) -> Generation:
     """Carries z(0) to z(1) under the nominal field and the guidance, by explicit steps on the grid.
 
+    Call `equinox.filter_jit(generate)`, kept in a variable, more than once: a call outside of `jax.jit` compiles its loops
+    anew, which takes seconds.
+
     Args:
         field: Nominal vector field, any callable (tau, z, condition) -> dz/dtau of the shape of z.
         guidance: `DecoupledGuidance`, or `NoGuidance` for the nominal sample.
@@ -113,6 +117,7 @@ def generate(
     state = guidance.init(z0, condition, mask)
     if guard is None or not guidance.names:
         generation = _fixed_steps(guided, state, z0, starts, solver, keep_trace, keep_path)
+        advise_compiling("generate", generation.z)
         return completed(generation, guidance, drift, solver)
     steps = GuardedSteps(grid, solver, guard, keep_trace, keep_path)
 
@@ -130,6 +135,7 @@ def generate(
     drift_state = drift.init(z0)
     sample = steps.start(guided.velocity(drift_state), state, z0, condition)
     end = _over_macro_steps(macro_step, (sample, drift_state), steps, starts)
+    advise_compiling("generate", end.z)
     return completed(_generation(grid, end), guidance, drift, solver)
 
 
@@ -169,7 +175,9 @@ def generate_batch(
             state = guidance.init(z0, *inputs[:2])
             return _fixed_steps(guided, state, z0, starts, solver, keep_trace, keep_path)
 
-        return completed(jax.vmap(fixed)(z0, inputs), guidance, drift, solver)
+        batch = jax.vmap(fixed)(z0, inputs)
+        advise_compiling("generate_batch", batch.z)
+        return completed(batch, guidance, drift, solver)
     steps = GuardedSteps(grid, solver, guard, keep_trace, keep_path)
 
     def start(z0: States, inputs: _Inputs) -> _Carry:
@@ -192,6 +200,7 @@ def generate_batch(
         return finish(on, advance, (inputs, drift_states), samples), drift_states
 
     end = _over_macro_steps(macro_step, jax.vmap(start)(z0, inputs), steps, starts)
+    advise_compiling("generate_batch", end.z)
     batch = _generation(jnp.broadcast_to(grid, (len(z0), len(grid))), end)
     return completed(batch, guidance, drift, solver)
 

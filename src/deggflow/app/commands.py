@@ -14,6 +14,7 @@ from deggflow.shards import parse_shard
 from deggflow.task import check_range
 
 from .engine import EngineOptions
+from .logs import Log, logged
 from .registry import AbstractEntry
 from .session import NOT_SATISFIED, SATISFIED, console, prepare_jax, progress
 
@@ -97,6 +98,7 @@ def _train(entry: AbstractEntry) -> Callable[..., int]:
         devices: int = 1,
         coordinator: str | None = None,
         process: str | None = None,
+        log: Log = "none",
     ) -> int:
         """Train a nominal field. Rerun the command to resume an interrupted run; more steps extend a finished one.
 
@@ -108,9 +110,11 @@ def _train(entry: AbstractEntry) -> Callable[..., int]:
             devices: Number of devices that divide each batch; with --coordinator, of each process. 0: all.
             coordinator: HOST:PORT of the first process, if several processes train together; they share the folders.
             process: k/n: this is process number k of n, with --coordinator.
+            log: Also write the losses for TensorBoard, into OUT/tensorboard, or for trackio, into its own store.
         """
         check_range("devices", devices, 0, 10_000)
         prepare_jax()
+        from deggflow.loggers import together
         from deggflow.output import check_written
         from deggflow.task import data_files, train_field
         from deggflow.train import TrainingConfig
@@ -129,9 +133,12 @@ def _train(entry: AbstractEntry) -> Callable[..., int]:
         except ValueError as error:
             raise InputError(str(error)) from None
         sizes = options.architecture()
-        with training_progress(options.steps, out, hidden=not is_first()) as show:
+        with (
+            logged(log if is_first() else "none", out) as store,
+            training_progress(options.steps, out, hidden=not is_first()) as show,
+        ):
             train_field(
-                entry.load_task().model, data_files(data, validation), out, config, sizes, show,
+                entry.load_task().model, data_files(data, validation), out, config, sizes, together(show, store),
                 commands=remake(entry.name, entry.load_options().data, sizes),
                 devices=selected_devices(devices, options.batch),
             )  # fmt: skip
