@@ -3,7 +3,8 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 # Most of the tests' time goes into compiling programs that run for milliseconds, and with fewer optimizations that
-# takes a third as long. Tests of rounding are compiled as users do; `make test XLA_FLAGS=` does so with all.
+# takes a third as long. Tests of rounding are compiled as users do; `make test XLA_FLAGS=` does so with all. The same
+# holds of the tutorials that `make docs` runs.
 XLA_FLAGS ?= --xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true --xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1
 
 .PHONY: help demo quick test test-matrix lint docs bench ray release-check clean
@@ -51,11 +52,11 @@ lint: $(VENV)/.dev
 	@$(BIN)/codespell src tests docs examples benchmarks *.md
 
 docs: $(VENV)/.dev $(VENV)/.docs
-	@$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet --builder html docs site
+	@XLA_FLAGS="$(XLA_FLAGS)" $(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet --builder html docs site
 	@echo "The documentation is in site/index.html."
 
 test-matrix:
-	@VERSIONS="$(VERSIONS)" tests/matrix.sh $(ARGS)
+	@VERSIONS="$(VERSIONS)" EXTRA="$(EXTRA)" tests/matrix.sh $(ARGS)
 
 release-check: $(VENV)/.release
 	@PYTHON=$(PYTHON) RELEASE=$(BIN)/python tests/release_check.sh

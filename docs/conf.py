@@ -28,6 +28,7 @@ myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 4
 
 autodoc_member_order = "groupwise"
+autodoc_preserve_defaults = True  # a function as a default has no other text that Python reads
 autodoc_typehints, autodoc_typehints_format = "signature", "short"
 python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 90

@@ -12,9 +12,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from line_values import value_of
 
 import deggflow
 from deggflow import requirements
+from deggflow.tasks.tabletop.lines import LINES as SCENES
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -23,9 +25,9 @@ import tutorials  # noqa: E402
 
 PAGES = [
     path for path in sorted([*DOCS.glob("*.md"), *DOCS.glob("api/*.md")])
-    if "```python" in path.read_text() and path.name not in ("extending.md", "foreign.md", "scale.md", "studio.md")
+    if "```python" in path.read_text() and path.name not in ("extending.md", "foreign.md", "studio.md")
 ]  # fmt: skip
-"""All but scale.md have tests of their own; benchmarks/parquet_readers.py reads tables with polars, as that page does."""
+"""The others have tests of their own."""
 SCRIPTS = sorted(tutorials.SCRIPTS.glob("*.py"))
 
 
@@ -91,6 +93,15 @@ def one_of_three():
     }  # fmt: skip
 
 
+def table_of_scenes():
+    """What the page on scale takes for granted: scenes.parquet in the reader's folder, here of made-up rows."""
+    tables = pytest.importorskip("deggflow.tables")
+    pytest.importorskip("pyarrow")
+    rows = [value_of(SCENES[0], full=full) for full in (True, False)]
+    tables.write_rows("scenes.parquet", SCENES[0], iter(rows), {})
+    return {}
+
+
 def given(page):
     """Names that a page takes for granted; other pages import all of theirs."""
     names = {
@@ -105,12 +116,15 @@ def given(page):
         "guidance.md": guidance_names,
         "requirements.md": requirements_names,
         "runtime.md": one_of_three,
+        "scale.md": table_of_scenes,
     }
     return {**names, **extra[page.name]()} if page.parent == DOCS and page.name in extra else {}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(DOCS)))
 def test_code_blocks_run_in_order(page, tmp_path, monkeypatch):
+    if "torch" in page.name:
+        pytest.importorskip("torch")
     monkeypatch.chdir(tmp_path)
     names = given(page)
     for number, block in enumerate(blocks(page), start=1):
@@ -133,6 +147,8 @@ QUICK = ("own_torch_model", "processes")
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
 def test_tutorials_run(script, tmp_path):
     """`make docs` runs all of them, in CI too; the suite those that take seconds."""
+    if "torch" in script.stem:
+        pytest.importorskip("torch")
     text = tutorials.page(script, tmp_path) if script.stem in QUICK else script.read_text()
     assert text.count("# ") > 2
     assert f"tutorials/{script.stem}\n" in (DOCS / "index.md").read_text()
@@ -163,6 +179,7 @@ def public(package):
 
 
 def test_every_public_name_is_used_in_an_example():
+    pytest.importorskip("torch")
     words = set(re.findall(r"\w+", "\n".join(executed())))
     missing = {package: sorted(set(public(package)) - words) for package in PACKAGES}
     assert not {package: names for package, names in missing.items() if names}
@@ -184,3 +201,12 @@ def test_links_lead_somewhere(page):
         path = page.parent / link.partition("#")[0]
         source = tutorials.SCRIPTS / f"{re.sub(r'_[0-9]+$', '', path.stem)}.py"
         assert path.exists() or (path.parent.name == "tutorials" and source.exists()), link
+
+
+def test_rows_of_tables_have_the_cells_of_their_heads():
+    """A bar in a cell, as in |g|, would begin another cell."""
+    for page in [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]:
+        text = re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
+        for table in re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE):
+            bars = [len(re.findall(r"(?<!\\)\|", row)) for row in table.splitlines()]
+            assert len(set(bars)) == 1, (page.name, table.splitlines()[0])

@@ -31,6 +31,15 @@ def _as_text(
     ).split("\n")
 
 
+def _signature(
+    app: Sphinx, what: str, name: str, obj: object, options: object, signature: str, result: str
+) -> tuple[str | None, str | None]:
+    """Arrays have the name by which users know them."""
+    return tuple(
+        text and re.sub(r"jaxlib\._jax\.Array", "Array", text) for text in (signature, result)
+    )
+
+
 def _skip(
     app: Sphinx, what: str, name: str, obj: object, skip: bool, options: object
 ) -> bool | None:
@@ -43,5 +52,6 @@ def _skip(
 def setup(app: Sphinx) -> dict[str, bool]:
     """Connects the extension, in front of the one that reads sections of docstrings."""
     app.connect("autodoc-process-docstring", _as_text, priority=400)
+    app.connect("autodoc-process-signature", _signature)
     app.connect("autodoc-skip-member", _skip)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -39,11 +39,12 @@ axes.axis("off")
 # ## What the plan must satisfy
 #
 # Guidance follows a sum of [named requirements](requirements.md), `apart + inside + speed + outside`, which has one V and
-# one row for each robot. The verdict gives the least margin of each by itself, in map units, and where it is.
+# one row for each robot. The verdict has the least margin of each by itself, in map units. Starts and goals hold exactly.
 
-for least in plan.verdict().misses:
+ends, *others = plan.verdict().misses
+for least in others:
     print(
-        f"{least.kind:8} margin {least.margin:.3f}, robot {least.robot + 1}, after waypoint {least.step + 1}"
+        f"{least.kind:8} {least.margin:.3f}  robot {least.robot + 1}, from waypoint {least.step + 1} on"
     )
 
 # %%
@@ -58,6 +59,8 @@ straight = starts + time * (goals - starts)
 straight[:, -1] = condition.goals
 [verdict] = judge([condition], [straight])
 print(verdict.reason())
-print(f"V of straight lines {verdict.violation:.3f}, of the plan {plan.certificate.violation:.2g}")
+print(
+    f"V of the straight lines: {verdict.violation:.3f}; of the plan: {plan.certificate.violation:.2g}"
+)
 assert plan.certificate.satisfied
 assert not verdict.satisfied

@@ -13,8 +13,8 @@ from .arguments import check_leading_axis, checked_grid, checked_start, per_agen
 from .drift import EVERY_STEP, AbstractDrift, Interval, aligned
 from .flow import Field
 from .guidance import AbstractGuidance
-from .hints import advise_compiling
 from .guided_field import GuidedField
+from .hints import advise_compiling
 from .identity import requirement_numbers
 from .notebook import generation_html
 from .shapes import Mask, Scalar, States
