@@ -1,8 +1,9 @@
 """Pictures, tables, loggers and folders of one's own problem."""
 
 import doctest
-import importlib
 import json
+import os
+import subprocess
 import sys
 
 import equinox as eqx
@@ -11,6 +12,7 @@ import jax.numpy as jnp
 import matplotlib as mpl
 import numpy as np
 import pytest
+from hub_server import hub_server
 
 import deggflow
 from deggflow import frames, loggers, plotting, pretrained
@@ -18,6 +20,7 @@ from deggflow.field import MessagePassingField, TeamFeatures
 from deggflow.jsonl import InputError
 from deggflow.sampling import Progress
 from deggflow.train import Curve
+from deggflow.weights import load_weights
 
 mpl.use("Agg")
 
@@ -165,21 +168,55 @@ def test_a_folder_brings_back_the_field_and_its_card(tmp_path, trained):
     assert eqx.tree_equal(trained, built)
 
 
-def test_the_hub_is_read_offline(tmp_path, trained, monkeypatch):
-    """As huggingface_hub keeps what it downloaded: refs and snapshots; its offline mode reads these alone."""
-    constants = pytest.importorskip("huggingface_hub.constants")
-    errors = importlib.import_module("huggingface_hub.errors")
-    store, commit = tmp_path / "hub" / "models--team--ring", "a" * 40
-    deggflow.save_pretrained(trained, store / "snapshots" / commit, CARD)
-    (store / "refs").mkdir()
-    (store / "refs" / "main").write_text(commit)
-    monkeypatch.setattr(constants, "HF_HUB_OFFLINE", True)
-    monkeypatch.setattr(constants, "HF_HUB_CACHE", str(tmp_path / "hub"))
-    again, card = deggflow.from_pretrained("team/ring", featurise)
+READER = """
+import sys
+import jax.numpy as jnp
+from deggflow import from_pretrained
+from deggflow.field import TeamFeatures
+from deggflow.weights import save_weights
+
+def featurise(z, condition):
+    offset = z[:, None] - z[None]
+    return TeamFeatures(z, offset, jnp.ones(len(z), bool))
+
+for name in sys.argv[2:]:
+    try:
+        field, card = from_pretrained(name, featurise)
+    except OSError as error:
+        print(name, type(error).__name__)
+    else:
+        save_weights(sys.argv[1], field, {"name": card["name"]})
+        print(name, card["name"])
+"""
+
+
+@pytest.fixture
+def hub(tmp_path, trained):
+    """A server on this machine that answers as the Hub does for the one repository team/ring."""
+    deggflow.save_pretrained(trained, tmp_path / "ring", CARD)
+    files = {path.name: path.read_bytes() for path in (tmp_path / "ring").iterdir()}
+    with hub_server("team/ring", {**files, "harmful.pkl": b"not asked for"}) as server:
+        yield server
+
+
+def test_the_hub_is_read_and_read_again_offline(tmp_path, trained, hub):
+    """By huggingface_hub itself: it downloads into a cache of its own making, which its offline mode reads alone."""
+    pytest.importorskip("huggingface_hub")
+
+    def read(*names, **environment):
+        cache = {"HF_HOME": str(tmp_path / "home"), "HF_HUB_DISABLE_TELEMETRY": "1"}
+        return subprocess.run(
+            [sys.executable, "-c", READER, str(tmp_path / "again.safetensors"), *names],
+            env={**os.environ, **cache, **environment}, capture_output=True, text=True, check=True,
+        ).stdout.splitlines()  # fmt: skip
+
+    assert read("team/ring", HF_ENDPOINT=hub.url) == ["team/ring ring"]
+    assert sorted(hub.downloaded) == ["README.md", "field.json", "field.safetensors"]
+    (tmp_path / "again.safetensors").unlink()
+    offline = read("team/ring", "team/other", HF_HUB_OFFLINE="1", HF_ENDPOINT="http://127.0.0.1:9")
+    assert offline == ["team/ring ring", "team/other LocalEntryNotFoundError"]
+    again = load_weights(tmp_path / "again.safetensors", trained)
     assert eqx.tree_equal(trained, again)
-    assert card["name"] == "ring"
-    with pytest.raises(errors.LocalEntryNotFoundError):
-        deggflow.from_pretrained("team/other", featurise)
 
 
 def test_bad_folders_and_cards_are_named(tmp_path, trained):
