@@ -3,8 +3,8 @@
     python benchmarks/footprint.py before=old.whl now=dist/deggflow-0.1.0-py3-none-any.whl
 
 Wheels come from `python -m build --wheel`, of an older commit in a `git worktree`. Prints the packages that each installs,
-their size on disk without pip, the size of deggflow itself, and the time of `import deggflow`, `import deggflow` and the
-commands' help beyond that of an empty program.
+their size on disk without pip and compiled Python, the size of deggflow itself, and the time of processes: an empty
+program, `import deggflow`, which loads nothing yet, the import of a name, which loads JAX, and the commands' help.
 """
 
 import argparse
@@ -19,6 +19,7 @@ from pathlib import Path
 PROGRAMS = {
     "empty program": ["-c", "pass"],
     "import deggflow": ["-c", "import deggflow"],
+    "from deggflow import sample": ["-c", "from deggflow import sample"],
     "deggflow --help": ["-m", "deggflow.app.start", "--help"],
 }
 

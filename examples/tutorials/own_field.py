@@ -40,7 +40,8 @@ apart = PrivateRequirement(far_enough, buffer=0.02, name="apart")
 # ## Samples with certificates
 #
 # `sample` compiles the generation once, draws z(0), judges every sample in float64, and draws again what missed a
-# requirement. `guided=False` gives nominal samples, judged by the same requirement.
+# requirement. `guided=False` gives nominal samples, judged by the same requirement. `plot` returns a matplotlib figure,
+# which a notebook shows; in a script, save it: `plot(guided).savefig("samples.png")`.
 
 settings = {"key": jax.random.key(0), "count": 64, "shape": (5, 2)}
 nominal = sample(field, (apart,), targets, guided=False, **settings)

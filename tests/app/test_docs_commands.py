@@ -14,8 +14,12 @@ from deggflow.app.reproduce.curves import shipped_curves
 from deggflow.app.reproduce.registry import entries
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
-BLOCK = re.compile(r"^```sh\n(.*?)^```", re.DOTALL | re.MULTILINE)
+PAGES = [
+    ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "benchmarks" / "README.md",
+    *sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "docs" / "api").glob("*.md")),
+]  # fmt: skip
+BLOCK = re.compile(r"^```(?:sh|bash|console)\n(.*?)^```", re.DOTALL | re.MULTILINE)
+OTHER_TASK = ("deggflow", "drones")  # of extending.md, which has a test of its own
 CODE = re.compile(r"`((?:deggflow|python|make) [^`]+)`")
 
 
@@ -24,7 +28,8 @@ def commands_of(page):
     text = page.read_text()
     for block in BLOCK.findall(text):
         for line in block.replace("\\\n", " ").splitlines():
-            if words := shlex.split(line, comments=True):
+            words = shlex.split(line.removeprefix("$ "), comments=True)
+            if words and tuple(words[:2]) != OTHER_TASK:
                 yield words, True
     for code in CODE.findall(BLOCK.sub("", text)):
         yield shlex.split(code), False

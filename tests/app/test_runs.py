@@ -1,6 +1,7 @@
 """Conditions and results of long runs: in order, completed in whole chunks, counted."""
 
 import json
+import re
 from dataclasses import asdict, dataclass
 
 import pytest
@@ -150,6 +151,15 @@ class Count:
 
     def to_json(self):
         return asdict(self)
+
+
+def test_without_a_terminal_every_row_is_announced(capsys):
+    run_jobs([lambda: Count(0), lambda: Count(1)], Count, {}, None)
+    lines = capsys.readouterr().err.splitlines()
+    assert [re.sub(r"in \d+ s", "in # s", line) for line in lines] == [
+        "evaluated 1 of 2 rows in # s",
+        "evaluated 2 of 2 rows in # s",
+    ]
 
 
 def test_jobs_that_are_done_are_not_run_again(tmp_path):
