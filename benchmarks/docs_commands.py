@@ -25,8 +25,8 @@ ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 BLOCK = re.compile(r"^```sh\n(.*?)^```", re.DOTALL | re.MULTILINE)
 ELSEWHERE = re.compile(
-    r"^(make|pip|git|cd) |10\.0\.0\.|\.local:"
-)  # set-up, or machines of one's own
+    r"^(make|pip|git|cd) |10\.0\.0\.|\.local:|\.whl"
+)  # set-up, or machines and wheels of one's own
 COMMENT = re.compile(r"(^|\s+)#.*|\s+$")
 NUMBER = re.compile(r"--(count|cases|trials|hard|modes) ([0-9]+)")
 GRACE = 120  # s that an interrupted command may take to end on a busy machine
