@@ -8,6 +8,10 @@ rm -rf dist
 "$RELEASE" -m build --outdir dist .
 "$RELEASE" -m twine check --strict dist/*
 wheel=$(ls "$PWD"/dist/*.whl) source=$(ls "$PWD"/dist/*.tar.gz)
+if git rev-parse --git-dir >/dev/null 2>&1; then
+	missing=$(comm -23 <(git ls-files | grep -v "^\.ci/" | sort) <(tar -tzf "$source" | sed "s,^[^/]*/,," | sort))
+	test -z "$missing" || { echo "not in the source distribution: $missing"; exit 1; }
+fi
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 "$PYTHON" -m venv "$folder/venv"
