@@ -63,8 +63,8 @@ def to_modes(path: Float[np.ndarray, "*agents 64 2"]) -> Float[np.ndarray, "*age
 
     Example:
         >>> path = np.random.default_rng(0).normal(size=(3, 64, 2))
-        >>> again = to_path(to_modes(path), path[:, 0], path[:, -1])
-        >>> bool(np.allclose(again, path, atol=1e-4))
+        >>> again = exact_path(to_modes(path), path[:, 0], path[:, -1])
+        >>> bool(np.allclose(again, path))
         True
     """
     line = (1 - _SHARE) * path[..., :1, :] + _SHARE * path[..., -1:, :]
