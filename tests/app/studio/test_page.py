@@ -179,12 +179,21 @@ def test_a_margin_is_shown_where_it_is(page):
     assert page("#guided .gap:not(.breaches) line").count() == 0
 
 
+def numbers(places):
+    return [[float(number) for number in re.findall(r"-?[0-9.]+", place)] for place in places]
+
+
 def test_the_slider_replays_the_generation(page):
+    """Guidance begins at the nominal scene, whose own generation begins at z(0)."""
     end = page.places(), page.places("nominal")
     page("#tau").press("Home")
     api.expect(page("#tau-text")).to_have_text("τ = 0.00", timeout=WAIT)
     api.expect(page("#guided")).to_have_class(re.compile("replaying"), timeout=WAIT)
-    assert page.places() == page.places("nominal") != end[0]
+    begin = numbers(page.places())
+    for (*place, angle), (*nominal, turned) in zip(begin, numbers(end[1]), strict=True):
+        assert place == pytest.approx(nominal, abs=1e-3)  # m
+        assert angle == pytest.approx(turned, abs=0.1)  # degrees
+    assert page.places("nominal") != end[1]
     page("#tau").press("End")
     api.expect(page("#guided")).not_to_have_class(re.compile("replaying"))
     assert (page.places(), page.places("nominal")) == end
