@@ -5,7 +5,7 @@ vertices are as near, as between parallel faces: descent slides along it, and V 
 the squares of all vertices' hinges are summed. The kinks that remain are concave, from least values of several smooth
 functions: at these the slope of either serves (docs/theory.md, section 2).
 
-An obstacle between an object and its regions is pushed to and fro by these sums and stays. `caught_violation` leads it out.
+An obstacle between an object and its regions is pushed back and forth by these sums and stays. `caught_violation` leads it out.
 """
 
 from collections.abc import Iterator
