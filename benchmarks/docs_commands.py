@@ -35,9 +35,10 @@ GRACE = 120  # s that an interrupted command may take to end on a busy machine
 SCENES = "deggflow tabletop generate --size 8 --count 20 --out scenes.jsonl"
 TRIALS = "deggflow bridge generate --size 4 --count 2 --out trials.jsonl"
 DATA = "deggflow tabletop data --training 600 --validation 60 --out data"
+TABLES = "deggflow export data --out before"
 READ = {
     "certify.md": (SCENES, TRIALS),
-    "scale.md": (TRIALS, DATA, "deggflow export data --out tables", "cp tables/training.parquet big.parquet"),
+    "scale.md": (TRIALS, DATA, f"{TABLES} && cp before/training.parquet big.parquet"),
 }  # fmt: skip
 
 
