@@ -152,16 +152,17 @@ class SuccessEvaluation(AbstractEvaluation[FleetEvaluation]):
 
 
 def _failures(rows: Sequence[FleetEvaluation]) -> Table:
+    instances = [f"{row.map}, {row.scheme}, N = {row.size}: {row.failure}" for row in rows]
     return Table(
         "Fleet: what failed",
-        ("map", "starts", "N", "missed at the first draw", "for instance"),
+        ("map", "starts", "N", "missed at the first draw"),
         [
             (
                 row.map, row.scheme, row.size,
                 ", ".join(f"{kind} {count}" for kind, count in sorted(row.missed.items())),
-                row.failure,
             )
             for row in rows
         ],
-        "missed: the requirement with the least margin, of first draws that fail.",
+        "missed: the requirement with the least margin, of first draws that fail. One of each:\n"
+        + "\n".join(instances),
     )  # fmt: skip
