@@ -24,9 +24,8 @@ from typing import NamedTuple
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 BLOCK = re.compile(r"^```sh\n(.*?)^```", re.DOTALL | re.MULTILINE)
-ELSEWHERE = re.compile(
-    r"^(make|pip|git|cd) |10\.0\.0\.|\.local:|\.whl"
-)  # set-up, or machines and wheels of one's own
+# Set-up, or machines and wheels of one's own:
+ELSEWHERE = re.compile(r"^(make|pip|git|cd) |10\.0\.0\.|\.local:|\.whl")
 COMMENT = re.compile(r"(^|\s+)#.*|\s+$")
 NUMBER = re.compile(r"--(count|cases|trials|hard|modes) ([0-9]+)")
 GRACE = 120  # s that an interrupted command may take to end on a busy machine

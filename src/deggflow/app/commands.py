@@ -21,9 +21,8 @@ from .session import NOT_SATISFIED, SATISFIED, console, prepare_jax, progress
 if TYPE_CHECKING:
     from deggflow.flow import Field
 
-SPELLED_OUT = tyro.conf.arg(
-    name="", prefix_name=False
-)  # a dataclass's fields are options of their own
+# A dataclass's fields are options of their own.
+SPELLED_OUT = tyro.conf.arg(name="", prefix_name=False)
 AnyEngine = Annotated[EngineOptions, SPELLED_OUT]
 LOCAL = EngineOptions()
 PICTURES = 12  # lines of a file that are drawn by default
