@@ -20,7 +20,7 @@ from shared_cases import (
     guidance,
 )
 
-from deggflow import DecoupledGuidance
+from deggflow import DecoupledGuidance, generate
 from deggflow.guidance import (
     Fixed,
     Own,
@@ -208,3 +208,23 @@ def test_a_recovering_alpha_is_of_extended_class_k():
 def test_a_gain_that_is_not_positive_is_refused(gain):
     with pytest.raises(ValueError, match=f"`gain` must be positive.* got {gain}"):
         Recovering(gain)
+
+
+def test_a_step_may_use_up_the_buffer_on_the_whole_way_down():
+    """Explicit steps lag behind a bound that falls ever faster: the buffer, not the end value alone, pays for that."""
+    factor = SharedFactor(
+        lambda tau, z, condition: (jnp.mean(z[:, 0]) ** 2 / 0.05**2 - 1) / 2,
+        alpha=Recovering(40.0),
+        buffer=0.02,
+    )
+    guide = DecoupledGuidance((SharedRequirements((factor,)),))
+    made = jax.jit(lambda z0: generate(lambda tau, z, condition: 0 * z, guide, z0, None))(
+        jnp.array([[0.25, 0.0], [0.25, 0.1]])
+    )
+    beta = 0.02 + 0.02 + 12.0  # slack and buffer above q(z(0))
+    tau = np.asarray(made.trace.tau)
+    profile = 1 - 10 * tau**3 + 15 * tau**4 - 6 * tau**5
+    np.testing.assert_allclose(made.trace.limit[:, 0], beta * profile, atol=1e-4)
+    assert np.all(made.trace.value <= made.trace.limit)
+    assert np.any(made.trace.value > made.trace.bound)  # and some does
+    assert (made.work.refused_steps, made.work.forced_steps) == (0, 0)

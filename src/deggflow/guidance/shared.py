@@ -251,10 +251,8 @@ class SharedRequirements(AbstractRequirement):
         beta = jnp.stack([bound.astype(q.dtype) for bound, _ in bounds])
         dbeta = jnp.stack([slope.astype(q.dtype) for _, slope in bounds])
         buffer = jnp.array([factor.buffer for factor in self.factors], q.dtype)
-        end = jnp.stack([factor.end(condition, q) for factor in self.factors])
         aim = beta - buffer
         alpha = jnp.stack(
             [factor.alpha(v) for factor, v in zip(self.factors, q - aim, strict=True)]
         )
-        # A step may use up the buffer where q is good enough for the end, and goes above beta nowhere.
-        return aim, jnp.clip(end, aim, beta), dq_dtau - dbeta + alpha.astype(q.dtype)
+        return aim, beta, dq_dtau - dbeta + alpha.astype(q.dtype)
