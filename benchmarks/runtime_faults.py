@@ -127,7 +127,7 @@ def play(seed, outside=False, apart=False):
     """One run: what there is to count, and what is wrong. With `apart`, each agent calls a program of its own."""
     rng = random.Random(seed)
     which, drift, agents = rng.randrange(2), rng.randrange(len(DRIFTS)), rng.choice(SIZES)
-    program, batched = programs(which, drift)
+    program, _ = programs(which, drift)
     if not apart:
         program = SimulatedProgram(compiled_team(which, drift, agents))
     most = (agents - 1) // 2
@@ -187,9 +187,9 @@ def redrawn(program, generated, which, seed):
     return generated, number
 
 
-def judged(team, outcome, which, programs, z0, outside, seed):
+def judged(team, outcome, which, compiled, z0, outside, seed):
     """Counts, and a list of what is wrong."""
-    program, batched = programs
+    program, batched = compiled
     made = [member for member in team if member.generated is not None]
     unfinished = [
         k for k, member in enumerate(team) if member not in made and k not in outcome.crashed
