@@ -1,5 +1,6 @@
 """`deggflow tabletop baselines`: every guidance method, swept over its own hyperparameters."""
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -8,6 +9,7 @@ from deggflow.shards import parse_shard
 from deggflow.task import check_range
 from deggflow.task.options import MAX_COUNT, MAX_SEED
 
+from .engine import LOCAL, AnyEngine
 from .session import SATISFIED, output, prepare_jax
 
 if TYPE_CHECKING:
@@ -21,6 +23,7 @@ def baselines(
     seed: int = 1001,
     chosen: bool = False,
     out: Path | None = None,
+    engine: AnyEngine = LOCAL,
     shard: str | None = None,
 ) -> int:
     """Compare guidance methods: success, deviation and time of each, for every setting of its hyperparameters.
@@ -35,6 +38,7 @@ def baselines(
         seed: Seed of cases and of z(0). The settings in the published tables were tuned with the default seed, at N = 8 and 12.
         chosen: Run only the settings in the published tables, not the whole grid.
         out: JSON Lines file that receives the rows; rerun the command to resume.
+        engine: Which processes measure. With ray, times depend on what else a worker's machine does.
         shard: k/n: measure only shard number k of n of the rows. With the merged file as --out, the command without --shard prints the table.
     """
     part = parse_shard(shard, out)
@@ -55,7 +59,7 @@ def baselines(
     from deggflow.tasks.tabletop.field import load_field
     from deggflow.tasks.tabletop.frontier import Point, jobs
 
-    from .runs import run_jobs
+    from .runs import provenance, run_jobs
 
     compared_methods = [method for method in METHODS if not methods or method.name in methods]
     grid = [
@@ -72,7 +76,17 @@ def baselines(
             [size, method.name, dict(hyperparameters)] for size, method, hyperparameters in grid
         ],
     }
-    points = run_jobs(jobs(load_field(), grid, cases, seed), Point, settings, out, part)
+    rows: Sequence[Callable[[], Point]] = jobs(load_field(), grid, cases, seed)
+    if engine.ray:
+        from deggflow.tasks.tabletop.model import TabletopModel
+
+        from .cluster import Cluster, Work, measure_method, rows_by
+
+        work = Work("tabletop", (cases, seed), provenance(TabletopModel(), None))
+        calls = [(work, size, method.name, dict(setting)) for size, method, setting in grid]
+        cluster = Cluster(engine.address, engine.cpus)
+        rows = rows_by(cluster, measure_method, calls, Point, part)
+    points = run_jobs(rows, Point, settings, out, part)
     if part is None:
         _show(points, cases, seed)
     return SATISFIED

@@ -9,17 +9,22 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache, partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
+from deggflow import __version__
 from deggflow.extras import imported
 from deggflow.jsonl import InputError
 from deggflow.schema import parse_as
 from deggflow.shards import Part, Shard
+from deggflow.task.data import Chunk, Demonstrator
+from deggflow.task.options import Recipe
 
 from .registry import AbstractEntry, entry_named
 
 if TYPE_CHECKING:
     from .runs import FinishedLines
+
+Row = TypeVar("Row")
 
 AHEAD = 16  # tasks in flight for each that runs: results are written in order, and others go on while one is computed again
 
@@ -102,6 +107,12 @@ def _entry(name: str) -> AbstractEntry:
     return entry_named(name)
 
 
+def _check(work: Work, made_with: Mapping[str, Any]) -> None:
+    """Raises `InputError` unless a worker has the driver's version and weights."""
+    if made_with != work.made_with:
+        raise InputError(f"a worker has other weights or another version: {json.dumps(made_with)}")
+
+
 _GENERATORS: dict[str, Any] = {}  # of a worker; its programs stay compiled
 
 
@@ -122,9 +133,7 @@ def generate_chunk(
     from .session import progress
 
     task, options = _entry(work.task).load_task(), work.options
-    made_with = provenance(task.model, options.weights)
-    if made_with != work.made_with:
-        raise InputError(f"a worker has other weights or another version: {json.dumps(made_with)}")
+    _check(work, provenance(task.model, options.weights))
     key = repr((work.task, options))
     if key not in _GENERATORS:
         _GENERATORS[key] = task.generator(task.model.load(options.weights), options)
@@ -147,10 +156,53 @@ def measure_row(work: Work, weights: str | None, number: int) -> str:
     from .runs import provenance
 
     task = _entry(work.task).load_task()
-    if provenance(task.model, work.options.weights) != work.made_with:
-        raise InputError("a worker has other weights or another version")
+    _check(work, provenance(task.model, work.options.weights))
     evaluation = task.evaluation(task.model.load(work.options.weights), work.options, weights)
     return json.dumps(evaluation.jobs[number]().to_json(), allow_nan=False)
+
+
+def measure_method(work: Work, size: int, name: str, hyperparameters: Mapping[str, float]) -> str:
+    """On a worker: one row of a comparison of guidance methods, as text.
+
+    Args:
+        work: What all rows have in common; its options are the number of cases and their seed.
+        size: Number of objects.
+        name: Of the method.
+        hyperparameters: Of the method.
+    """
+    from .runs import provenance
+
+    task, (cases, seed) = _entry(work.task).load_task(), work.options
+    _check(work, provenance(task.model, None))
+    from deggflow.tasks.tabletop.baselines import METHODS
+    from deggflow.tasks.tabletop.frontier import jobs
+
+    (method,) = (each for each in METHODS if each.name == name)
+    (job,) = jobs(task.model.load(None), [(size, method, dict(hyperparameters))], cases, seed)
+    return json.dumps(job().to_json(), allow_nan=False)
+
+
+def demonstrate_chunk(work: Work, chunk: Chunk) -> str:
+    """On a worker: the lines of one chunk of training data, as a JSON list.
+
+    Args:
+        work: What all chunks have in common; its options are the recipe.
+        chunk: Which demonstrations.
+    """
+    model = _entry(work.task).load_task().model
+    _check(work, {"deggflow": __version__})
+    size, first, count, seed = chunk
+    return json.dumps(model.demonstrate(size, first, count, work.options, seed), allow_nan=False)
+
+
+def demonstrator_by(cluster: Cluster, task: str, recipe: Recipe) -> Demonstrator:
+    """Makes the chunks of a task's training data on a cluster. Args: task: its name; recipe: of the data."""
+    work = Work(task, recipe, {"deggflow": __version__})
+
+    def demonstrator(chunks: Iterable[Chunk]) -> Iterator[Sequence[Mapping[str, Any]]]:
+        return map(json.loads, cluster.each(demonstrate_chunk, ((work, each) for each in chunks)))
+
+    return demonstrator
 
 
 def chunks_by(
@@ -176,29 +228,26 @@ def chunks_by(
 
 def rows_by(
     cluster: Cluster,
-    work: Work,
-    weights: str | None,
-    kind: type[Any],
-    jobs: Sequence[Any],
+    measure: Callable[..., str],
+    calls: Sequence[tuple[Any, ...]],
+    kind: type[Row],
     shard: Shard | None,
-) -> Sequence[Callable[[], Any]]:
-    """Jobs that take the rows of an evaluation from the cluster, which begins with the first row that is asked for.
+) -> Sequence[Callable[[], Row]]:
+    """Jobs that take their rows from the cluster, which begins with the first row that is asked for.
 
     Args:
         cluster: The cluster.
-        work: What all rows have in common.
-        weights: Identifies the field in the evaluation's settings.
+        measure: Measures a row on a worker, and returns its JSON object as text.
+        calls: Its arguments for each row.
         kind: Dataclass of the rows.
-        jobs: The evaluation's own jobs.
         shard: Of which rows are asked for; None: all.
     """
-    stop = len(jobs) if shard is None else shard.chunks(len(jobs)).stop
-    coming: list[Iterator[Any]] = []
+    stop = len(calls) if shard is None else shard.chunks(len(calls)).stop
+    coming: list[Iterator[str]] = []
 
-    def job(number: int) -> Any:
+    def job(number: int) -> Row:
         if not coming:
-            calls = ((work, weights, k) for k in range(number, stop))
-            coming.append(cluster.each(measure_row, calls))
+            coming.append(cluster.each(measure, calls[number:stop]))
         return parse_as(kind, json.loads(next(coming[0])))
 
-    return [partial(job, number) for number in range(len(jobs))]
+    return [partial(job, number) for number in range(len(calls))]

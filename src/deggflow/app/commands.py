@@ -13,7 +13,7 @@ from deggflow.jsonl import InputError
 from deggflow.shards import parse_shard
 from deggflow.task import check_range
 
-from .engine import EngineOptions
+from .engine import LOCAL, SPELLED_OUT, AnyEngine
 from .logs import Log, logged
 from .registry import AbstractEntry
 from .session import NOT_SATISFIED, SATISFIED, console, prepare_jax, progress
@@ -21,10 +21,6 @@ from .session import NOT_SATISFIED, SATISFIED, console, prepare_jax, progress
 if TYPE_CHECKING:
     from deggflow.flow import Field
 
-# A dataclass's fields are options of their own.
-SPELLED_OUT = tyro.conf.arg(name="", prefix_name=False)
-AnyEngine = Annotated[EngineOptions, SPELLED_OUT]
-LOCAL = EngineOptions()
 PICTURES = 12  # lines of a file that are drawn by default
 
 
@@ -59,12 +55,13 @@ def _with_options(
 
 
 def _data(entry: AbstractEntry) -> Callable[..., int]:
-    def data(out: Path, options: Any, shard: str | None = None) -> int:
+    def data(out: Path, options: Any, engine: AnyEngine = LOCAL, shard: str | None = None) -> int:
         """Make training and validation data.
 
         Args:
             out: Folder that receives training.jsonl and validation.jsonl. Rerun the command to resume an interrupted run.
             options: Which demonstrations to make.
+            engine: Which processes make them.
             shard: k/n: make only shard number k of n; `deggflow merge` joins the folders.
         """
         part = parse_shard(shard)
@@ -72,12 +69,18 @@ def _data(entry: AbstractEntry) -> Callable[..., int]:
         from deggflow.output import check_written
         from deggflow.task import write_data
 
-        model = entry.load_task().model
+        model, demonstrator = entry.load_task().model, None
+        if engine.ray:
+            from .cluster import Cluster, demonstrator_by
+
+            cluster = Cluster(engine.address, engine.cpus)
+            demonstrator = demonstrator_by(cluster, entry.name, options)
         with progress() as bars:
             bar = bars.add_task(model.noun, total=None)
             write_data(
                 model, out, options,
-                lambda count, total: bars.update(bar, completed=count, total=total), shard=part,
+                lambda count, total: bars.update(bar, completed=count, total=total),
+                shard=part, demonstrator=demonstrator,
             )  # fmt: skip
         for line in () if part else model.describe(out):
             console().print(line)
@@ -201,7 +204,7 @@ def _evaluate(entry: AbstractEntry) -> Callable[..., int]:
         prepare_jax()
         from deggflow.output import check_written
 
-        from .cluster import Cluster, Work, rows_by
+        from .cluster import Cluster, Work, measure_row, rows_by
         from .runs import digest_of_weights, provenance, run_jobs
         from .tables import show
 
@@ -213,7 +216,8 @@ def _evaluate(entry: AbstractEntry) -> Callable[..., int]:
         if engine.ray:
             work = Work(entry.name, options, provenance(task.model, options.weights))
             cluster = Cluster(engine.address, engine.cpus)
-            jobs = rows_by(cluster, work, digest, evaluation.row, jobs, part)
+            calls = [(work, digest, number) for number in range(len(jobs))]
+            jobs = rows_by(cluster, measure_row, calls, evaluation.row, part)
         rows = run_jobs(jobs, evaluation.row, evaluation.settings, options.out, part)
         if part is None:
             for table in evaluation.tables(rows):

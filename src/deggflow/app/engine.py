@@ -1,7 +1,9 @@
 """`--engine`: which processes compute the results of a run."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
+
+import tyro
 
 from deggflow.jsonl import InputError
 from deggflow.task import check_range
@@ -33,3 +35,9 @@ class EngineOptions:
     def ray(self) -> bool:
         """Whether a Ray cluster computes them."""
         return self.engine == "ray"
+
+
+# A dataclass's fields are options of their own.
+SPELLED_OUT = tyro.conf.arg(name="", prefix_name=False)
+AnyEngine = Annotated[EngineOptions, SPELLED_OUT]
+LOCAL = EngineOptions()
