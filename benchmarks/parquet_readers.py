@@ -1,4 +1,4 @@
-"""Reads a Parquet file of scenes or trials with pandas, polars, DuckDB and Hugging Face datasets, those that are installed.
+"""Reads a Parquet file of scenes, trials or plans with pandas, polars, DuckDB and Hugging Face datasets, those that are installed.
 
 Each reader counts the rows and the satisfied certificates, sums the least margins, and looks into a nested column.
 All must agree with pyarrow.
@@ -70,16 +70,19 @@ def by_datasets(path):
     return figures
 
 
+LISTS = "objects", "contacts", "robots"  # of the condition of a scene, a trial, a plan
+
+
 def _first_list(path):
-    """Name of the condition's list: a scene's objects, a trial's contacts."""
+    """Name of the condition's list."""
     import pyarrow.parquet
 
     condition = pyarrow.parquet.read_schema(path).field("condition").type
-    return next(name for name in ("objects", "contacts") if condition.get_field_index(name) >= 0)
+    return next(name for name in LISTS if condition.get_field_index(name) >= 0)
 
 
 def _figures(rows):
-    lists = [c["objects"] if "objects" in c else c["contacts"] for _, c in rows]
+    lists = [next(c[name] for name in LISTS if name in c) for _, c in rows]
     return (
         len(rows),
         sum(bool(certificate["satisfied"]) for certificate, _ in rows),

@@ -46,8 +46,10 @@ class Faults:
 
     def take(self, process, line):
         """A line of a process."""
+        if self.hit or self.number >= len(self.plan) or "round" not in line:
+            return
         robot, after, name = self.plan[self.number]
-        if process != robot or "round" not in line or self.hit:
+        if process != robot:
             return
         self.rounds += 1
         if self.rounds >= after:

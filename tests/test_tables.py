@@ -159,11 +159,11 @@ def test_without_the_extra_one_line_says_what_to_install(tmp_path, monkeypatch):
 
 def test_episodes_lie_where_lerobot_looks_for_them(tmp_path):
     """Counters, places, statistics and texts; benchmarks/lerobot_reader.py reads the same by LeRobot itself."""
-    form = EpisodeFormat("robot", "Do it.", 5, {"action": ("v", "w"), "observation.state": ("x",)})
+    form = EpisodeFormat("robot", 5, {"action": ("v", "w"), "observation.state": ("x",)})
     rng = np.random.default_rng(0)
     lengths, folder = (3, 1, 4), tmp_path / "set"
     values = [rng.normal(size=(n, 3)) for n in lengths]
-    episodes = [Episode({"action": v[:, :2], "observation.state": v[:, 2:]}, k != 1, True) for k, v in enumerate(values)]  # fmt: skip
+    episodes = [Episode({"action": v[:, :2], "observation.state": v[:, 2:]}, k != 1, True, ("Do it.", "Do that.")[k // 2]) for k, v in enumerate(values)]  # fmt: skip
     assert write_lerobot(folder, form, iter(episodes)) == 3
     info = json.loads((folder / "meta/info.json").read_text())
     assert (info["codebase_version"], info["total_episodes"], info["total_frames"]) == (

@@ -28,7 +28,7 @@ def export(
         file: File of results, as `generate` writes it, or a table; or a folder of training data.
         out: File that receives them: a table if it ends in .parquet, else JSON Lines. For a folder: a folder, which receives tables.
         task: Name of the task, if neither the settings beside the file nor its keys tell.
-        lerobot: Write trials as a LeRobot data set (layout v3.0) into the folder --out.
+        lerobot: Write trials or plans as a LeRobot data set (layout v3.0) into the folder --out.
     """
     if lerobot:
         return _export_episodes(file, out)
@@ -77,6 +77,7 @@ def _export_episodes(file: Path, out: Path) -> int:
     import importlib
 
     from deggflow.tables import Episode, is_table, read_info, table_rows, write_lerobot
+    from deggflow.tables.lerobot import ACTION, misfit
     from deggflow.tables.parquet import kind_of
 
     if is_table(file):
@@ -91,16 +92,28 @@ def _export_episodes(file: Path, out: Path) -> int:
         raise InputError(f"{entry.noun}s are no episodes: nothing moves in time", file=file)
     module, parse = importlib.import_module(entry.episodes), entry.load_task().parse_result
 
-    def episodes() -> Iterator[Episode]:
+    def results() -> Iterator[tuple[int, Any]]:
         for number, row in enumerate(rows, start=1):
             try:
-                result = parse(row)
+                yield number, parse(row)
             except InputError as error:
                 raise InputError(error.reason, file=file, line=number, field=error.field) from None
-            if len(result.twists):  # a trial that ended at once has no frame
-                yield module.episode(result)
 
-    count = write_lerobot(out, module.FORMAT, episodes())
+    each = results()
+    one = next(each, None)
+    if one is None:
+        raise InputError("there is no episode to write", file=file)
+    form = module.format_of(one[1])
+
+    def episodes() -> Iterator[Episode]:
+        for number, result in chain([one], each):
+            episode = module.episode(result)
+            if reason := misfit(episode, form):
+                raise InputError(reason, file=file, line=number)
+            if len(episode.features[ACTION]):  # a trial that ended at once has no frame
+                yield episode
+
+    count = write_lerobot(out, form, episodes())
     console().print(f"{count} episodes are in {out}.", markup=False)
     return SATISFIED
 

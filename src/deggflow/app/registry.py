@@ -69,7 +69,7 @@ class ShippedEntry(AbstractEntry):
         lines: "module:object" of the types of its lines, likewise.
         task: "module:class" of its `AbstractTask`.
         pictures: "module:class" of its `AbstractPictures`.
-        episodes: Module with `FORMAT` and `episode`, if its results are episodes of a LeRobot data set.
+        episodes: Module with `format_of` and `episode`, if its results are episodes of a LeRobot data set.
     """
 
     name: str
@@ -135,6 +135,7 @@ SHIPPED = (
         "deggflow.tasks.fleet.lines:LINES",
         "deggflow.tasks.fleet.task:FleetTask",
         "deggflow.view.fleet.results:FleetPictures",
+        "deggflow.tasks.fleet.lerobot",
     ),
 )
 

@@ -4,6 +4,7 @@ Source: huggingface/lerobot, src/lerobot/datasets (codebase_version v3.0).
 """
 
 import json
+import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +24,7 @@ _DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 _EPISODES = "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 _COUNTERS = ("frame_index", "episode_index", "index", "task_index")
 _SUCCESS, _DONE = "next.success", "next.done"
+STATE, ENVIRONMENT, ACTION = "observation.state", "observation.environment_state", "action"
 
 
 @dataclass(frozen=True)
@@ -31,13 +33,11 @@ class EpisodeFormat:
 
     Attributes:
         robot: Type of the robots.
-        task: What they do, as a sentence.
         fps: Frames per second, a whole number.
         features: Names of the numbers of every feature, by the feature's name.
     """
 
     robot: str
-    task: str
     fps: int
     features: Mapping[str, Sequence[str]]
 
@@ -50,11 +50,25 @@ class Episode:
         features: Every feature of the format, frames x numbers.
         success: Whether it succeeded; true of its last frame alone.
         satisfied: Whether its certificate is satisfied.
+        task: What the robots do, as a sentence.
     """
 
     features: Mapping[str, Float[np.ndarray, "frames size"]]
     success: bool
     satisfied: bool
+    task: str
+
+
+def misfit(episode: Episode, form: EpisodeFormat) -> str | None:
+    """Why an episode can't be in a data set; None if it can."""
+    for name, names in form.features.items():
+        size = episode.features[name].shape[1]
+        if size != len(names):
+            return (
+                f"has {size} numbers in {name}, and the first episode {len(names)}: write each number of agents into a data "
+                "set of its own"
+            )
+    return None
 
 
 class _Statistics:
@@ -121,7 +135,7 @@ def write_lerobot(folder: StrPath, form: EpisodeFormat, episodes: Iterable[Episo
     """Writes a data set; needs memory for some episodes.
 
     Args:
-        folder: The data set's folder, which must not exist yet.
+        folder: The data set's folder, which must not exist yet; it appears once the set is complete.
         form: What all episodes have in common.
         episodes: The episodes.
 
@@ -135,26 +149,38 @@ def write_lerobot(folder: StrPath, form: EpisodeFormat, episodes: Iterable[Episo
     folder = Path(folder)
     if folder.exists():
         raise InputError("exists; choose another --out, or remove it first", file=folder)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as temporary:
+        whole = Path(temporary) / folder.name
+        count = _write(arrow, whole, form, episodes)
+        if not count:
+            raise InputError("there is no episode to write", file=folder)
+        whole.rename(folder)
+    return count
+
+
+def _write(arrow: Any, folder: Path, form: EpisodeFormat, episodes: Iterable[Episode]) -> int:
     schema = _frame_schema(arrow, form)
     data = _Files(folder, _DATA, schema)
     entries = _Files(folder, _EPISODES, _episode_schema(arrow))
     statistics = {name: _Statistics(len(names)) for name, names in form.features.items()}
+    tasks: dict[str, int] = {}  # their numbers
     count = frames = 0
     for episode in episodes:
         data.next_if_full()
         entries.next_if_full()
-        columns = _columns(form, episode, count, frames)
+        task = tasks.setdefault(episode.task, len(tasks))
+        columns = _columns(form, episode, count, frames, task)
         length = len(columns["index"])
         data.write(_table(arrow, schema, columns))
-        entries.write(_entry(arrow, form, episode, count, frames, length, data, entries))
+        entries.write(_entry(arrow, episode, count, frames, length, data, entries))
         for name, each in statistics.items():
             each.add(np.asarray(episode.features[name], np.float64))
         count, frames = count + 1, frames + length
     data.close()
     entries.close()
-    if not count:
-        raise InputError("there is no episode to write", file=folder)
-    _write_meta(arrow, folder, form, statistics, count, frames)
+    if count:
+        _write_meta(arrow, folder, form, statistics, tasks, count, frames)
     return count
 
 
@@ -168,7 +194,9 @@ def _frame_schema(arrow: Any, form: EpisodeFormat) -> Any:
     return arrow.schema([*vectors, *flags, arrow.field("timestamp", arrow.float32()), *counters])
 
 
-def _columns(form: EpisodeFormat, episode: Episode, number: int, first: int) -> dict[str, Any]:
+def _columns(
+    form: EpisodeFormat, episode: Episode, number: int, first: int, task: int
+) -> dict[str, Any]:
     length = len(next(iter(episode.features.values())))
     frame = np.arange(length)
     last = frame == length - 1
@@ -180,7 +208,7 @@ def _columns(form: EpisodeFormat, episode: Episode, number: int, first: int) -> 
         "frame_index": frame,
         "episode_index": np.full(length, number),
         "index": first + frame,
-        "task_index": np.zeros(length, np.int64),
+        "task_index": np.full(length, task),
     }
 
 
@@ -206,11 +234,11 @@ def _episode_schema(arrow: Any) -> Any:
 
 
 def _entry(
-    arrow: Any, form: EpisodeFormat, episode: Episode, number: int, first: int, length: int,
+    arrow: Any, episode: Episode, number: int, first: int, length: int,
     data: _Files, entries: _Files,
 ) -> Any:  # fmt: skip
     row = {
-        "tasks": [form.task],
+        "tasks": [episode.task],
         **dict(zip(_ENTRY, (number, length, first, first + length), strict=True)),
         **dict(zip(_PLACES, (*data.place, *entries.place), strict=True)),
         "success": episode.success,
@@ -221,7 +249,7 @@ def _entry(
 
 def _write_meta(
     arrow: Any, folder: Path, form: EpisodeFormat, statistics: Mapping[str, _Statistics],
-    episodes: int, frames: int,
+    tasks: Mapping[str, int], episodes: int, frames: int,
 ) -> None:  # fmt: skip
     parquet = imported("pyarrow.parquet", "data", "a LeRobot data set")
     scalar = {"shape": [1], "names": None}
@@ -230,7 +258,7 @@ def _write_meta(
         "robot_type": form.robot,
         "total_episodes": episodes,
         "total_frames": frames,
-        "total_tasks": 1,
+        "total_tasks": len(tasks),
         "chunks_size": CHUNK,
         "data_files_size_in_mb": FILE,
         "video_files_size_in_mb": 200,
@@ -252,11 +280,11 @@ def _write_meta(
     (meta / "info.json").write_text(json.dumps(info, indent=4) + "\n")
     numbers = {name: each.to_json() for name, each in statistics.items()}
     (meta / "stats.json").write_text(json.dumps(numbers, indent=4) + "\n")
-    tasks = arrow.table({"task_index": [0], "task": [form.task]})
+    table = arrow.table({"task_index": list(tasks.values()), "task": list(tasks)})
     # The reader looks tasks up by the index of a pandas frame.
     index = {"index_columns": ["task"], "column_indexes": [], "pandas_version": "2.0", "columns": [
         {"name": "task_index", "field_name": "task_index", "pandas_type": "int64", "numpy_type": "int64", "metadata": None},
         {"name": "task", "field_name": "task", "pandas_type": "unicode", "numpy_type": "object", "metadata": None},
     ]}  # fmt: skip
-    tasks = tasks.replace_schema_metadata({"pandas": json.dumps(index)})
-    parquet.write_table(tasks, meta / "tasks.parquet")
+    table = table.replace_schema_metadata({"pandas": json.dumps(index)})
+    parquet.write_table(table, meta / "tasks.parquet")

@@ -2,18 +2,16 @@
 
 import numpy as np
 
-from deggflow.tables.lerobot import Episode, EpisodeFormat
+from deggflow.tables.lerobot import ACTION, ENVIRONMENT, STATE, Episode, EpisodeFormat
 
 from .trial import Trial
 from .world import DT, MAX_ROBOTS
 
-STATE, ENVIRONMENT, ACTION = "observation.state", "observation.environment_state", "action"
 _POSE = ("x", "y", "theta")
 _CONTACTS = [f"{name}_{k}" for k in range(1, MAX_ROBOTS + 1) for name in ("r_x", "r_y", "present")]
 
-FORMAT = EpisodeFormat(
+_FORMAT = EpisodeFormat(
     "plank carried by robots",
-    "Push the plank over the gap until it bridges it.",
     round(1 / DT),
     {
         STATE: _POSE,
@@ -21,6 +19,11 @@ FORMAT = EpisodeFormat(
         ACTION: ("v_x", "v_y", "omega"),
     },
 )
+
+
+def format_of(trial: Trial) -> EpisodeFormat:
+    """The same for all trials."""
+    return _FORMAT
 
 
 def episode(trial: Trial) -> Episode:
@@ -37,4 +40,5 @@ def episode(trial: Trial) -> Episode:
         ENVIRONMENT: np.broadcast_to(around, (frames, len(around))),
         ACTION: trial.twists,
     }
-    return Episode(features, trial.success, trial.certificate.satisfied)
+    task = "Push the plank over the gap until it bridges it."
+    return Episode(features, trial.success, trial.certificate.satisfied, task)
