@@ -103,8 +103,8 @@ def play_team(size, plan, args, first, on_row):
             began = time.monotonic()
 
 
-def central(size, count, number, seed):
-    """The joint QP's process: plans one trial for all robots, and says when it begins a policy and whether it bridged."""
+def central(size, count, first, seed):
+    """The joint QP's process: plans trials from number `first` on, each for all robots; says when it begins a policy and whether it bridged."""
     import jax.numpy as jnp
 
     from deggflow.app.session import prepare_jax
@@ -123,28 +123,37 @@ def central(size, count, number, seed):
         return jnp.stack([task_end(condition) - task(end, z, condition), -safe(end, z, condition)])
 
     generator = BridgeGenerator(field, JointBarrier(margins, gain=2.0, rows=2))
-    condition = conditions_of(size, count, seed)[number]
+    conditions = conditions_of(size, count, seed)
+    for number in range(first, count):
 
-    def tell(current):
-        print(json.dumps({"policy": current.policy}), flush=True)
+        def tell(current):
+            print(json.dumps({"policy": current.policy}), flush=True)
 
-    (trial,) = generator.trials([condition], seed=seed, first=number, on_round=tell)
-    print(json.dumps({"bridged": trial.success, "reason": trial.reason}), flush=True)
+        condition = conditions[number]
+        (trial,) = generator.trials([condition], seed=seed, first=number, on_round=tell)
+        print(json.dumps({"trial": number, "bridged": trial.success}), flush=True)
 
 
-def play_central(size, plan, args, number, kill):
-    """The same trial by the joint QP: whether it bridges, with its process killed at the same policy or not."""
-    words = ["--central", str(size), str(len(plan)), str(number), "--seed", str(args.seed)]
-    command = [sys.executable, __file__, *words, "--out", os.devnull]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    bridged = False
-    for text in process.stdout:
-        line = json.loads(text)
-        if kill and line.get("policy") == plan[number][1] // ROUNDS_OF_POLICY:
-            process.kill()
-        bridged |= line.get("bridged", False)
-    process.stdout.close()
-    process.wait()
+def play_central(size, plan, args, kill):
+    """The same trials by the joint QP: whether each bridges. With `kill`, its process is killed in every trial, and started again for the next."""
+    bridged = {}
+    while (first := len(bridged)) < len(plan):
+        words = ["--central", str(size), str(len(plan)), str(first), "--seed", str(args.seed)]
+        command = [sys.executable, __file__, *words, "--out", os.devnull]
+        process, struck = subprocess.Popen(command, stdout=subprocess.PIPE, text=True), None
+        for text in process.stdout:
+            line = json.loads(text)
+            if "bridged" in line:
+                bridged[line["trial"]] = line["bridged"]
+            elif kill and line["policy"] == plan[len(bridged)][1] // ROUNDS_OF_POLICY:
+                process.kill()
+                struck = len(bridged)
+        process.stdout.close()
+        code = process.wait()
+        if struck is not None:
+            bridged.setdefault(struck, False)
+        elif code:
+            raise RuntimeError(f"the joint QP's process ended with code {code}")
     return bridged
 
 
@@ -212,10 +221,12 @@ def main():
         done = sum(row["size"] == size for row in rows)
         if done < len(plan):
             play_team(size, plan, args, done, add)
-        for row in rows:
-            if args.joint_qp and row["size"] == size and "joint_qp" not in row:
-                for name, kill in (("joint_qp", False), ("joint_qp_killed", True)):
-                    row[name] = play_central(size, plan, args, row["trial"], kill)
+        mine = [row for row in rows if row["size"] == size]
+        for name, kill in (("joint_qp", False), ("joint_qp_killed", True)):
+            if args.joint_qp and any(name not in row for row in mine):
+                bridged = play_central(size, plan, args, kill)
+                for row in mine:
+                    row[name] = bridged[row["trial"]]
                 write()
     report(rows)
 
