@@ -73,7 +73,11 @@ def test_a_process_ends_with_the_one_that_started_it():
     [
         (["generate", "--size", "3", "--processes", "--guidance", "none"], "--processes goes with"),
         (["generate", "--size", "3", "--metrics", "m"], "--metrics goes with --processes"),
-        (["generate", "--size", "40", "--processes"], "--processes takes scenes on the paper's table"),
+        (["generate", "--size", "40", "--processes"], "needs a number, such as --processes 8"),
+        (["generate", "--size", "4", "--processes", "2"], "--processes with a number takes large scenes"),
+        (["generate", "--size", "40", "--processes", "1"], "--processes must lie in [2, 64]; got 1"),
+        (["generate", "--size", "40", "--processes", "2", "--guidance-phase", "during"], "goes with --guidance-phase after"),
+        (["generate", "--size", "40", "--processes", "2", "--requirements", "balanced"], "without a balance"),
     ],
 )  # fmt: skip
 def test_bad_arguments_are_one_line(inside, arguments, hint):

@@ -39,7 +39,7 @@ def generate_file(
     settings = _settings(entry, task, source, options)
     check_output(options.out, settings | ({} if shard is None else {"shard": str(shard)}))
     chunks: Chunks
-    if isinstance(options, ProcessOptions) and options.processes:
+    if isinstance(options, ProcessOptions) and options.processes is not None:
         if shard is not None or engine.ray:
             raise InputError("--processes has neither --shard nor --engine ray")
         from .team import team_results

@@ -156,9 +156,9 @@ def _played(
         from .parents import end_with_parent
 
         end_with_parent()
-    if options.out is not None or options.processes:
+    if options.out is not None or options.processes == 0:
         raise InputError(
-            "--out and --processes are of generate; a single process prints its results"
+            "--out and --processes without a number are of generate; a single process prints its results"
         )
     prepare_jax()
     from deggflow.runtime import TeamError, Timing, open_transport
@@ -170,9 +170,11 @@ def _played(
     conditions = source.part(0, source.count)
     factory = task.processes
     assert factory is not None
-    agents = max(map(factory.team_size, conditions)) + options.in_world
+    agents = max(factory.team_size(condition, options) for condition in conditions)
+    agents += options.in_world
     if len(place.addresses) != agents:
-        whom = "objects" if not options.in_world else "robots and the world"
+        of_agents = "processes" if options.processes else "objects"
+        whom = "robots and the world" if options.in_world else of_agents
         raise InputError(
             f"--addresses must be those of all {agents} {whom}; got {len(place.addresses)}"
         )

@@ -85,7 +85,7 @@ def team_results(
     if factory is None:
         raise InputError(f"agents of {task.name} can't be processes; leave out --processes")
     conditions = source.part(0, source.count)
-    sizes = [factory.team_size(condition) for condition in conditions]
+    sizes = [factory.team_size(condition, options) for condition in conditions]
 
     def results(first: int, bars: "Progress") -> Iterator[list[Any]]:
         if first >= source.count:
@@ -123,7 +123,7 @@ class RoundView:
         one = line["round"]
         if self._file is not None:
             self._file.write(json.dumps({"agent": process, **one}) + "\n")
-        text = f"round {one['round']}, {1000 * one['seconds']:.0f} ms, {one['bytes']} bytes, {one['members']} agents"
+        text = f"round {one['round']}, {1000 * one['seconds']:.0f} ms, {one['bytes']} bytes, {one['members']} processes"
         self._bars.update(self._bar, description=text)
 
 
@@ -146,7 +146,7 @@ class LocalTeam:
     ) -> None:
         """Args: task: its name; factory: of its agents; conditions: of all results; options: of `generate`; on_line: told what processes say; join: patience, s."""
         self._task, self._options, self._join, self._on_line = task, options, join, on_line
-        self._agents = max(map(factory.team_size, conditions))
+        self._agents = max(factory.team_size(condition, options) for condition in conditions)
         self._world = options.in_world
         self._count = len(conditions)
         self._folder = tempfile.TemporaryDirectory(prefix="deggflow-")
@@ -227,6 +227,8 @@ class LocalTeam:
         words = [sys.executable, "-m", "deggflow.app.start", "run", what, self._task]
         words += ["--number", str(number), "--first", str(first), "--join", str(self._join)]
         words += ["--addresses", *self._addresses, "--conditions", str(self._file)]
+        if self._options.processes:
+            words += ["--processes", str(self._options.processes)]
         for field in fields(self._options):
             value, option = getattr(self._options, field.name), f"--{field.name.replace('_', '-')}"
             if field.name in _OURS or value in (None, False):

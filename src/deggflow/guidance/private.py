@@ -176,6 +176,11 @@ class PrivateRequirement(AbstractRequirement):
         """What V(tau) stays below: the theorem's bound, or that of the re-anchored gain."""
         return self._decayed(state, tau, self.kappa)
 
+    def limit(self, state: PrivateState, tau: Scalar) -> Scalar:
+        """The most that V may be after a discrete step to tau."""
+        # kappa = 1 just reaches zero at tau = 1: what kappa gives beyond that may be spent on discretisation.
+        return jnp.maximum(self._decayed(state, tau, 1.0), self.floor)
+
     def _decayed(self, state: PrivateState, tau: Scalar, kappa: float) -> Scalar:
         whole, rest = self.omega.remaining(state.since), self.omega.remaining(tau)
         fraction = jnp.where(whole > 0, rest / jnp.where(whole > 0, whole, 1.0), 0.0)
@@ -224,15 +229,13 @@ class PrivateRequirement(AbstractRequirement):
             gain = self._gain(start, self.omega.remaining(jnp.zeros_like(tau)))
         required = gain * self.omega(tau) * parts**self.rho
         ell = input_gradient(control, gradient, moving)
-        # kappa = 1 just reaches zero at tau = 1: what kappa gives beyond that may be spent on discretisation.
-        limit = jnp.maximum(self._decayed(state, tau, 1.0), self.floor)
         return Demand(
             ell=ell[None],
             rate=jnp.sum(gradient * drift, axis=-1)[None],
             explicit_rate=jnp.zeros_like(total)[None],
             value=total[None],
             bound=self.bound(state, tau)[None],
-            limit=limit[None],
+            limit=self.limit(state, tau)[None],
             contribution=parts[None],
             value_nan=jnp.isnan(parts)[None],
             shares=lambda norm_sq: self.allocation(

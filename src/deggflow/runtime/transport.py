@@ -3,6 +3,7 @@
 import socket
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Protocol, runtime_checkable
 
 LARGEST = 65_000  # bytes of a datagram, below the limit of UDP
@@ -28,6 +29,14 @@ class Transport(Protocol):
         """Ends it."""
 
 
+@runtime_checkable
+class DirectTransport(Transport, Protocol):
+    """A transport that can also carry a message to one other agent alone."""
+
+    def send(self, number: int, message: bytes) -> None:
+        """Sends a message to another agent; does not wait for it."""
+
+
 class UdpTransport:
     """Datagrams between addresses that all agents know; nothing is encrypted, and nobody else is listened to.
 
@@ -40,8 +49,8 @@ class UdpTransport:
         Raises:
             OSError: The address can't be bound.
         """
-        self._others = [each for k, each in enumerate(addresses) if k != number]
-        self._known = {(_resolved(host), port) for host, port in self._others}
+        self._others = {k: each for k, each in enumerate(addresses) if k != number}
+        self._known = {(_resolved(host), port) for host, port in self._others.values()}
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(addresses[number])
 
@@ -51,15 +60,20 @@ class UdpTransport:
         Raises:
             ValueError: It does not fit into a datagram.
         """
+        for number in self._others:
+            self.send(number, message)
+
+    def send(self, number: int, message: bytes) -> None:
+        """Sends a message to another agent.
+
+        Raises:
+            ValueError: It does not fit into a datagram.
+        """
         if len(message) > LARGEST:
             raise ValueError(f"`message` must have at most {LARGEST} bytes; got {len(message)}.")
-        for address in self._others:
-            try:
-                self._socket.sendto(message, address)
-            except (
-                OSError
-            ):  # nobody is there, or the buffer is full: it is lost, and will be repeated
-                continue
+        # Where nobody is there, or the buffer is full, the message is lost, and will be repeated.
+        with suppress(OSError):
+            self._socket.sendto(message, self._others[number])
 
     def receive(self, seconds: float) -> bytes | None:
         """The next message from one of the addresses; None if none arrives in time."""

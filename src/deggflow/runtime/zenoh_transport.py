@@ -14,7 +14,7 @@ LOOPBACK = "tcp/127.0.0.1:{}"
 class ZenohTransport:
     """Peers that connect to one another at addresses that all of them know; nobody is looked for by multicast.
 
-    Agent k publishes under `<prefix>/<k>` and holds the liveliness token `<prefix>/alive/<k>`, which others see vanish
+    Agent k publishes under `<prefix>/message/<k>`, is told what is for it alone under `<prefix>/to/<k>`, and holds the liveliness token `<prefix>/alive/<k>`, which others see vanish
     when its process ends.
     """
 
@@ -62,7 +62,8 @@ class ZenohTransport:
         liveliness = self._session.liveliness()
         self._token = liveliness.declare_token(f"{alive}/{number}")
         self._tokens = liveliness.declare_subscriber(f"{alive}/*", self._watch)
-        self._own = own
+        self._direct = self._session.declare_subscriber(f"{prefix}/to/{number}", self._take)
+        self._own, self._prefix, self._blocking = own, prefix, zenoh.CongestionControl.BLOCK
 
     @staticmethod
     def _settings(number: int, endpoints: Sequence[str]) -> dict[str, Any]:
@@ -91,6 +92,11 @@ class ZenohTransport:
     def broadcast(self, message: bytes) -> None:
         """Sends a message to all others."""
         self._publisher.put(message)
+
+    def send(self, number: int, message: bytes) -> None:
+        """Sends a message to another agent."""
+        key = f"{self._prefix}/to/{number}"
+        self._session.put(key, message, congestion_control=self._blocking)
 
     def receive(self, seconds: float) -> bytes | None:
         """The next message of another agent; None if none arrives in time."""

@@ -2,7 +2,9 @@
 
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+
+import tyro
 
 from deggflow.jsonl import InputError
 
@@ -149,12 +151,34 @@ class GenerateOptions(FieldOptions):
         return {name: value for name, value in asdict(self).items() if name not in elsewhere}
 
 
+def _number_of_processes(arguments: list[str]) -> int:
+    if len(arguments) > 1:
+        raise ValueError(f"--processes takes one number at most; got {' '.join(arguments)}")
+    return int(arguments[0]) if arguments else 0
+
+
+OptionalNumber = Annotated[
+    int | None,
+    tyro.constructors.PrimitiveConstructorSpec(
+        nargs="*",
+        metavar="[K]",
+        instance_from_str=_number_of_processes,
+        is_instance=lambda value: value is None or isinstance(value, int),
+        str_from_instance=lambda value: ["none"] if value is None else [str(value)],
+    ),
+]
+"""An option whose number may be left out: 0 then, and None without the option."""
+
+MAX_PROCESSES = 64
+
+
 @dataclass(frozen=True)
 class ProcessOptions(GenerateOptions):
     """Whether each agent is a process, and how processes talk.
 
     Attributes:
-        processes: Every agent is a process of its own on 127.0.0.1; results are as without.
+        processes: Every agent is a process of its own on 127.0.0.1; with a number, so many processes share a large team.
+            Results are as without.
         transport: With --processes: datagrams of the operating system, or zenoh (extra deggflow[runtime]).
         deadline: With --processes: seconds of silence after which an agent is lost.
         metrics: With --processes: file that receives a JSON object for every round of every agent.
@@ -163,7 +187,7 @@ class ProcessOptions(GenerateOptions):
     in_world: ClassVar[bool] = False
     """Whether the team acts in a world, which is one more process."""
 
-    processes: bool = False
+    processes: OptionalNumber = None
     transport: Literal["udp", "zenoh"] = "udp"
     deadline: float = 5.0
     metrics: Path | None = None
@@ -171,16 +195,20 @@ class ProcessOptions(GenerateOptions):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_range("deadline", self.deadline, 0.5, 3600, "s")
-        if self.processes and not self.guided:
+        if self.processes:
+            check_range("processes", self.processes, 2, MAX_PROCESSES)
+        if self.processes is not None and not self.guided:
             raise InputError("--processes goes with --guidance degg; nominal samples need no team")
-        if self.metrics is not None and not self.processes:
+        if self.metrics is not None and self.processes is None:
             raise InputError("--metrics goes with --processes")
 
     def settings(self) -> dict[str, Any]:
         """As of every task; how processes talk changes no result."""
         ours = ("processes", "transport", "deadline", "metrics")
         others = {name: value for name, value in super().settings().items() if name not in ours}
-        return {**others, "processes": True} if self.processes else others
+        if self.processes is None:
+            return others
+        return {**others, "processes": self.processes or True}
 
 
 @dataclass(frozen=True)

@@ -67,8 +67,8 @@ class AgentFactory(ABC):
     """A task whose agents can be processes has this as `processes`."""
 
     @abstractmethod
-    def team_size(self, condition: Any) -> int:
-        """How many agents a condition has; raises `InputError` if they can't be processes."""
+    def team_size(self, condition: Any, options: Any) -> int:
+        """How many processes generate for a condition; raises `InputError` if they can't."""
 
     @abstractmethod
     def agent(self, field: Any, options: Any, link: Link) -> AbstractAgent[Any]:

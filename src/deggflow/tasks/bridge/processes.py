@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from deggflow.flow import Field
 from deggflow.guidance import DecoupledGuidance
+from deggflow.jsonl import InputError
 from deggflow.runtime import TeamProgram, Timing, Transport, compile_agent, run_agent, sorted_by
 from deggflow.step_guard import StepGuard
 from deggflow.task import RunSettings
@@ -151,8 +152,12 @@ class RobotAgent(AbstractAgent[TrialCondition]):
 class BridgeProcesses(WorldFactory):
     """Robots as processes, and the world."""
 
-    def team_size(self, condition: TrialCondition) -> int:
-        """How many robots a trial has."""
+    def team_size(self, condition: TrialCondition, options: Any) -> int:
+        """How many robots a trial has; raises `InputError` if they are to share processes."""
+        if cast(BridgeGenerate, options).processes:
+            raise InputError(
+                "--processes takes no number here: every robot is a process of its own"
+            )
         return len(condition.contacts)
 
     def agent(self, field: Field, options: Any, link: Link) -> RobotAgent:

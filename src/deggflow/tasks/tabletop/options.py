@@ -80,6 +80,8 @@ class TabletopGenerate(TabletopFieldOptions, options.ProcessOptions):
         super().__post_init__()
         if self.conditions is not None and self.requirements != "changed":
             raise InputError("--requirements goes with --size, not with --conditions")
+        if self.processes and self.guidance_phase != "after":
+            raise InputError("--processes with a number goes with --guidance-phase after")
 
     def settings(self) -> dict[str, Any]:
         """As of every task; a file of conditions has its own requirements."""

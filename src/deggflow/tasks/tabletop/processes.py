@@ -1,9 +1,12 @@
-"""Each object of a scene as a process of its own."""
+"""Each object of a scene as a process of its own, or each part of a large scene."""
 
+import abc
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from deggflow.drift import AbstractDrift
@@ -11,7 +14,18 @@ from deggflow.flow import Field
 from deggflow.guidance import DecoupledGuidance
 from deggflow.jsonl import InputError
 from deggflow.redraw import Candidate, redraw_until_satisfied
-from deggflow.runtime import TeamGeneration, TeamProgram, compile_agent, run_agent
+from deggflow.runtime import (
+    DirectTransport,
+    Exchange,
+    PartProgram,
+    TeamGeneration,
+    TeamProgram,
+    compile_agent,
+    compile_part,
+    owners_of,
+    run_agent,
+    run_part,
+)
 from deggflow.step_guard import StepGuard
 from deggflow.task import RunSettings
 from deggflow.task.processes import AbstractAgent, AgentFactory, Link, Made
@@ -19,14 +33,49 @@ from deggflow.task.processes import AbstractAgent, AgentFactory, Link, Made
 from .codec import decode_exactly
 from .condition import SceneCondition, padded_size, take, to_arrays
 from .generator import Batch, TabletopGenerator, few_evaluations, initial_noise, judged
-from .large import is_large
+from .large import LargeSceneGenerator, is_large, large_scene_guidance, large_scenes_like
+from .large.condition import decode_exactly as large_decode_exactly
+from .large.condition import to_arrays as large_arrays
+from .large.field import large_scene_field
+from .large.generator import BESIDE, CROWDS, HEARD
+from .large.generator import initial_noise as large_noise
+from .large.parts import ObjectNeighbourhood
 from .options import TabletopGenerate
 from .requirements import tabletop_guidance
 from .scene import Scene, finished
+from .verdict import BUFFER
 
 
-class ObjectAgent(AbstractAgent[SceneCondition]):
-    """The process of one object; a scene is drawn again as all of its objects find by themselves that it has to be."""
+class _Drawn(NamedTuple):
+    """A scene as drawn, and the numbers of the objects that were lost on the way."""
+
+    batch: Batch
+    lost: frozenset[int]
+
+
+class _AbstractSceneAgent(AbstractAgent[SceneCondition]):
+    """A process that draws scenes with others; all find by themselves whether a scene has to be drawn again."""
+
+    @abc.abstractmethod
+    def draw(self, condition: SceneCondition, run: RunSettings, draw: int) -> _Drawn:
+        """A draw of the scene number `run.first`."""
+
+    def make(self, condition: SceneCondition, run: RunSettings) -> Made | None:
+        """As `TabletopGenerator.scenes`; a scene on the way of which an object was lost is not drawn again."""
+        lost: frozenset[int] = frozenset()
+
+        def attempt(_: Sequence[int], draw: int) -> list[Candidate[Scene]]:
+            nonlocal lost
+            batch, lost = self.draw(condition, run, draw)
+            (candidate,) = judged(batch, [condition], run.seed)
+            return [replace(candidate, satisfied=candidate.satisfied or bool(lost))]
+
+        (scene,) = finished(redraw_until_satisfied(attempt, 1, run.max_draws))
+        return Made(scene, lost)
+
+
+class ObjectAgent(_AbstractSceneAgent):
+    """The process of one object."""
 
     def __init__(self, generator: TabletopGenerator, link: Link, *, keep_trace: bool) -> None:
         """Args: generator: its field, guidance and steps; link: to the others; keep_trace: of certificates."""
@@ -34,20 +83,16 @@ class ObjectAgent(AbstractAgent[SceneCondition]):
         self._programs: dict[tuple[str, ...], TeamProgram] = {}
 
     def make(self, condition: SceneCondition, run: RunSettings) -> Made | None:
-        """As `TabletopGenerator.scenes`; a scene on the way of which an object was lost is not drawn again."""
+        """None in a scene that has no object of this number."""
         if self._link.number >= len(condition.objects):
             return None
-        lost: frozenset[int] = frozenset()
+        return super().make(condition, run)
 
-        def attempt(_: Sequence[int], draw: int) -> list[Candidate[Scene]]:
-            nonlocal lost
-            made = self._generate(condition, run, draw)
-            lost = frozenset(np.flatnonzero(np.isfinite(made.stops)).tolist())
-            (candidate,) = judged(self._batch(made, condition), [condition], run.seed)
-            return [replace(candidate, satisfied=candidate.satisfied or bool(lost))]
-
-        (scene,) = finished(redraw_until_satisfied(attempt, 1, run.max_draws))
-        return Made(scene, lost)
+    def draw(self, condition: SceneCondition, run: RunSettings, draw: int) -> _Drawn:
+        """With a process for every object."""
+        made = self._generate(condition, run, draw)
+        lost = frozenset(np.flatnonzero(np.isfinite(made.stops)).tolist())
+        return _Drawn(self._batch(made, condition), lost)
 
     def _generate(self, condition: SceneCondition, run: RunSettings, draw: int) -> TeamGeneration:
         arrays = take(to_arrays([condition]), 0)
@@ -80,20 +125,85 @@ class ObjectAgent(AbstractAgent[SceneCondition]):
         return Batch(z, [decode_exactly(z[0], condition)], [record])
 
 
-class TabletopProcesses(AgentFactory):
-    """Objects as processes."""
+class PartAgent(_AbstractSceneAgent):
+    """The process of some objects of a large scene, which is told the states of its neighbours alone."""
 
-    def team_size(self, condition: SceneCondition) -> int:
-        """How many objects a scene has; raises `InputError` for a large scene."""
-        if is_large(condition):
-            raise InputError(
-                f"--processes takes scenes on the paper's table; got one of {len(condition.objects)} objects"
+    def __init__(
+        self, generator: LargeSceneGenerator, link: Link, processes: int, *, keep_trace: bool
+    ) -> None:
+        """Args: generator: its field, guidance and steps; link: to the others; processes: how many share the scene; keep_trace: of certificates."""
+        self._generator, self._link, self._processes = generator, link, processes
+        self._keep_trace = keep_trace
+        transport = cast(DirectTransport, link.transport)
+        self._exchange = Exchange(link.number, processes, transport, link.timing, link.on_round)
+        self._programs: dict[int, PartProgram] = {}
+
+    def draw(self, condition: SceneCondition, run: RunSettings, draw: int) -> _Drawn:
+        """With room for as many neighbours as there are, as `LargeSceneGenerator.batch`."""
+        z0 = large_noise(condition, run.seed, run.first, draw)
+        arrays, count = (
+            jax.tree.map(jnp.asarray, large_arrays(condition, BUFFER)),
+            len(condition.objects),
+        )
+        owners = np.full(len(z0), -1)
+        owners[:count] = owners_of(count, self._processes)
+        for crowd in CROWDS:
+            program, team = self._program(crowd), (self._link.number, owners, z0, arrays)
+            with self._link.compiling():
+                compile_part(program, *team)
+            made = run_part(program, *team, self._exchange, patience=self._link.timing.join)
+            if np.isfinite(made.generation.z).all():
+                break
+        z, record = (
+            np.asarray(made.generation.z),
+            made.record(program.guidance.names, condition.objects),
+        )
+        batch = Batch(z[None], [large_decode_exactly(z, condition)], [record])
+        return _Drawn(batch, frozenset())
+
+    def _program(self, crowd: int) -> PartProgram:
+        if crowd not in self._programs:
+            made = self._generator
+            self._programs[crowd] = PartProgram(
+                large_scene_field(made.field, HEARD * crowd),
+                large_scene_guidance(BESIDE * crowd),
+                ObjectNeighbourhood(2 * BESIDE * crowd),
+                grid=made.grid,
+                drift=made.drift,
+                guard=cast(StepGuard, made.guard),
+                keep_trace=self._keep_trace,
             )
-        return len(condition.objects)
+        return self._programs[crowd]
 
-    def agent(self, field: Field, options: Any, link: Link) -> ObjectAgent:
-        """An object with its copy of the field and the commands' guidance."""
+
+class TabletopProcesses(AgentFactory):
+    """Objects as processes, or parts of a large scene."""
+
+    def team_size(self, condition: SceneCondition, options: Any) -> int:
+        """How many processes a scene has; raises `InputError` for a large scene without their number, and a small one with it."""
+        processes, count = cast(TabletopGenerate, options).processes, len(condition.objects)
+        if not is_large(condition):
+            if processes:
+                raise InputError(
+                    f"--processes with a number takes large scenes; leave out {processes} for a scene of {count} objects"
+                )
+            return count
+        if not processes:
+            raise InputError(
+                f"--processes takes scenes on the paper's table; a large one of {count} objects needs a number, such as --processes 8"
+            )
+        if condition.balance is not None:
+            raise InputError(
+                "--processes with a number takes scenes without a balance, which depends on all objects"
+            )
+        return processes
+
+    def agent(self, field: Field, options: Any, link: Link) -> _AbstractSceneAgent:
+        """An object, or a part of a large scene, with its copy of the field and the commands' guidance."""
         settings = cast(TabletopGenerate, options)
         drift: AbstractDrift = few_evaluations(settings)
         generator = TabletopGenerator(field, tabletop_guidance(), drift=drift)
-        return ObjectAgent(generator, link, keep_trace=settings.trace)
+        if not settings.processes:
+            return ObjectAgent(generator, link, keep_trace=settings.trace)
+        large = large_scenes_like(generator)
+        return PartAgent(large, link, settings.processes, keep_trace=settings.trace)

@@ -86,9 +86,10 @@ def _noise(
     return jax.vmap(lambda own: jax.random.normal(own, (3,)))(keys)
 
 
-def _initial_noise(
+def initial_noise(
     condition: SceneCondition, seed: int, number: int, drawn: int
 ) -> Float[Array, "agents 3"]:
+    """z(0) of a draw, padded: N(0, I), the same for every object whatever the scene's size."""
     return _noise(seed, number, drawn, padded_count(len(condition.objects)))
 
 
@@ -141,7 +142,7 @@ class LargeSceneGenerator:
         keep_trace: bool = False,
     ) -> Batch:
         """One draw of one large scene."""
-        z0 = _initial_noise(condition, seed, number, drawn)
+        z0 = initial_noise(condition, seed, number, drawn)
         out = self._draw(condition, z0, keep_trace=keep_trace)
         guidance, made = self._guidance(condition), None
         if isinstance(guidance, DecoupledGuidance):
@@ -151,7 +152,7 @@ class LargeSceneGenerator:
 
     def path(self, condition: SceneCondition, seed: int, number: int, drawn: int) -> list[Poses]:
         """Poses of one draw at every grid point."""
-        z0 = _initial_noise(condition, seed, number, drawn)
+        z0 = initial_noise(condition, seed, number, drawn)
         out = self._draw(condition, z0, keep_path=True)
         assert out.path is not None
         return [decode_exactly(state, condition) for state in np.asarray(out.path)]
