@@ -48,9 +48,7 @@ def test_a_team_of_processes_bridges_the_gap_without_one_that_is_killed(environm
     parse_trial(line)
     assert refutation(line) is None
     assert not contradictions(line)
-    for pid in pids:
-        with pytest.raises(ProcessLookupError):
-            os.kill(pid, 0)
+    assert_ended(pids)
 
 
 def test_a_process_ends_with_the_one_that_started_it():
@@ -66,6 +64,67 @@ def test_a_process_ends_with_the_one_that_started_it():
     process.wait()
     assert process.stdout.read() == b""  # the child has it open until it ends
     process.stdout.close()
+
+
+def assert_ended(pids):
+    for pid in pids:
+        with pytest.raises(ProcessLookupError):
+            os.kill(pid, 0)
+
+
+FREEZES = "import os, signal; os.kill(os.getpid(), signal.SIGSTOP)"
+FAILS = "import sys; sys.exit('deggflow: agents [0] are silent')"
+TALKS = "import time; print('{\"round\": {}}', flush=True); time.sleep(600)"
+
+
+@pytest.fixture
+def children(monkeypatch):
+    """Teams whose processes run these programs; pids of all that were started."""
+    from deggflow.app.team import LocalTeam
+
+    programs, pids, start = [], [], LocalTeam._start
+    monkeypatch.setattr(
+        LocalTeam, "_command", lambda self, number, first: [sys.executable, "-c", programs[number]]
+    )
+
+    def started(self, number, first):
+        start(self, number, first)
+        pids.append(self._children[number].popen.pid)
+
+    monkeypatch.setattr(LocalTeam, "_start", started)
+    return programs, pids
+
+
+def test_ctrl_c_ends_all_processes_frozen_ones_too(inside, children, monkeypatch):
+    from deggflow.app.team import RoundView
+
+    def interrupt(self, process, line):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(RoundView, "take", interrupt)
+    programs, pids = children
+    programs += [TALKS, FREEZES]
+    done = inside("tabletop", "generate", "--size", "2", "--processes")
+    assert done.returncode == 130
+    assert len(pids) == 2
+    assert_ended(pids)
+
+
+def test_a_team_of_which_only_frozen_processes_are_left_ends(children):
+    from deggflow.app.team import LocalTeam
+    from deggflow.runtime import TeamError
+    from deggflow.tasks.tabletop.condition import SceneCondition
+    from deggflow.tasks.tabletop.options import TabletopGenerate
+    from deggflow.tasks.tabletop.processes import TabletopProcesses
+
+    programs, pids = children
+    programs += [FREEZES, FAILS]
+    scene, options = SceneCondition(("laptop", "desk_lamp")), TabletopGenerate(processes=0)
+    with LocalTeam("tabletop", TabletopProcesses(), [scene], options) as team:
+        team._silence = 0.2
+        with pytest.raises(TeamError, match=r"number 1 ended; it says: agents \[0\] are silent"):
+            list(team.results())
+    assert_ended(pids)
 
 
 @pytest.mark.parametrize(

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 JOIN = 600  # s, patience of a process with others that have not started
 END = 5.0  # s, for a process to end once its input is closed
+SILENCE = 3.0  # times the deadline: who has said nothing for so long, once a process has failed, is frozen
 _OURS = ("conditions", "size", "count", "requirements", "out", "processes", "metrics", "guidance")
 
 
@@ -148,7 +149,7 @@ class LocalTeam:
         self._task, self._options, self._join, self._on_line = task, options, join, on_line
         self._agents = max(factory.team_size(condition, options) for condition in conditions)
         self._world = options.in_world
-        self._count = len(conditions)
+        self._count, self._silence = len(conditions), SILENCE * options.deadline + END
         self._folder = tempfile.TemporaryDirectory(prefix="deggflow-")
         self._file = Path(self._folder.name) / "conditions.jsonl"
         lines = (json.dumps(condition.to_json()) + "\n" for condition in conditions)
@@ -166,20 +167,32 @@ class LocalTeam:
         """Results from a number on, as JSON objects, in order. Agents that were lost are started again for the next one.
 
         Raises:
-            TeamError: No agent is left, or two agents have different results.
+            TeamError: No agent is left, or only frozen ones, or two agents have different results.
         """
         for k in range(self._agents + self._world):
             self._start(k, first)
         made: dict[int, dict[str, Any]] = {}
         for number in range(first, self._count):
             while number not in made:
-                self._take(self._events.get(), made)
+                self._take(self._next_event(), made)
             result = made[number]
             yield result["result"]
             for k in result["lost"] if number + 1 < self._count else ():
                 self._children[k].end()
                 self._start(k, number + 1)
         self._hear_the_others(made)
+
+    def _next_event(self) -> _Event:
+        while True:
+            with suppress(Empty):
+                return self._events.get(timeout=self._silence)
+            failed = [
+                k for k in range(self._agents) if self._children[k].popen.poll() not in (None, 0)
+            ]
+            if failed:
+                raise TeamError(
+                    f"nothing is heard of the other processes since number {failed[0]} ended; it says: {self._children[failed[0]].last_error()}"
+                )
 
     def _hear_the_others(self, made: dict[int, dict[str, Any]]) -> None:
         """Compares the last results of all agents, which end by themselves; those that are frozen are not waited for."""
