@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from deggflow.certificate import GenerationRecord, LostAgent
 from deggflow.tasks.bridge.assembly import assemble, plank_ticks, surroundings
 from deggflow.tasks.bridge.condition import TrialCondition
 from deggflow.tasks.bridge.expert import random_demonstration
 from deggflow.tasks.bridge.process import TICK
-from deggflow.tasks.bridge.trial import Trial, TrialCertificate
+from deggflow.tasks.bridge.trial import PolicyRecord, Trial, TrialCertificate
 from deggflow.tasks.bridge.verdict import execute
 
 SPEED = 0.86  # m/s, robots
@@ -97,6 +98,25 @@ def test_a_failure_is_the_end(failed, around):
     assert process.failure == failed.reason
     assert process.stage[-1] == "build"
     assert "cross" not in process.stage
+
+
+def test_a_robot_that_was_lost_is_named_from_its_policy_on_and_nobody_crosses(trial, around):
+    """It stays where it touches the plank."""
+    record = GenerationRecord(True, "", (), 1, 0, 0, None, 0.0, 0.0)
+    policies = [
+        PolicyRecord(0.0, 0.0, 0.0, 1, accepted, generation=replace(record, lost=lost))
+        for accepted, lost in [
+            (True, ()), (False, ()), (True, (LostAgent("robot 3", 0.4),)), (True, (LostAgent("robot 3", 0.0),)),
+        ]
+    ]  # fmt: skip
+    lossy = replace(trial, certificate=replace(CERTIFICATE, policies=tuple(policies)))
+    assert lossy.lost_robots() == {2: 4}
+    process = assemble(lossy, around)
+    tick = process.stage.index("build") - 1 + 2 * 4
+    assert process.lost_by(tick - 1) == []
+    assert process.lost_by(tick) == [2]
+    assert process.stage[-1] == "build"
+    assert process.failure is None
 
 
 def test_a_bridge_that_nobody_can_cross_ends_there(trial, around):

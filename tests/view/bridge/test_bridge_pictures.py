@@ -125,6 +125,20 @@ def test_only_the_last_tick_of_a_failure_is_red(failed):
     assert beyond.red_robots.tolist() == [True, False, False]
 
 
+def test_a_robot_that_was_lost_is_pale(process):
+    lossy = process._replace(lost={1: 3})
+    assert not moment_of(lossy, 2).lost_robots.any()
+    assert moment_of(lossy, 3).lost_robots.tolist() == [False, True, False]
+    scene = BridgeModel(lossy, 16 / 9)
+    body = scene.model.geom_bodyid == scene.model.body("robot_2").id
+    colours = []
+    for tick in (2, 3):
+        scene.place(moment_of(lossy, tick))
+        colours.append(scene.model.geom_rgba[body, :3].copy())
+    spread = [np.ptp(colour, axis=1).max() for colour in colours]  # of a grey it is 0
+    assert spread[1] < 0.4 * spread[0]
+
+
 @pytest.mark.parametrize("renderer", ["mujoco", "matplotlib"])
 def test_pictures_have_their_size_and_show_something_and_failures_in_red(process, failed, renderer):
     if renderer == "mujoco" and gl_problem():

@@ -64,7 +64,7 @@ def plank_ticks(trial: Trial) -> Float[np.ndarray, "ticks 3"]:
 
 
 def assemble(trial: Trial, around: Surroundings) -> Process:
-    """The process of a trial. It ends early if the trial failed or a robot finds no path across.
+    """The process of a trial. It ends early if the trial failed, a robot was lost, or one finds no path across.
 
     Args:
         trial: The building of the bridge.
@@ -75,14 +75,15 @@ def assemble(trial: Trial, around: Surroundings) -> Process:
     robots = np.array([contact_centres(pose, contacts) for pose in plank])
     build: list[Stage] = ["build"] * len(plank)
     before: list[Stage] = []
+    first, lost_robots = 0, trial.lost_robots()
     after: list[Stage] = []
     if around.drive is not None:
         ticks = len(around.drive)  # its last moment is the first of the building
         plank = np.concatenate([np.repeat(plank[:1], ticks, axis=0), plank[1:]])
         robots = np.concatenate([around.drive, robots[1:]])
-        before, build = ["approach"] * ticks, build[1:]
+        before, build, first = ["approach"] * ticks, build[1:], ticks - 1
     failure = trial.reason
-    if failure is None and around.drive is not None:
+    if failure is None and around.drive is not None and not lost_robots:
         try:
             way = cross(plank[-1], contacts, around.goals, seed=around.seed)[1:]
         except NoWayError as error:
@@ -92,4 +93,5 @@ def assemble(trial: Trial, around: Surroundings) -> Process:
             robots = np.concatenate([robots, way])
             after = ["cross"] * len(way)
     goal = np.array(trial.condition.goal)
-    return Process(plank, robots, (*before, *build, *after), around.goals, goal, failure)
+    lost = {robot: first + _TICKS * actions for robot, actions in lost_robots.items()}
+    return Process(plank, robots, (*before, *build, *after), around.goals, goal, failure, lost)

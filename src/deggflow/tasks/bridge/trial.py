@@ -9,7 +9,7 @@ from jaxtyping import Float
 from deggflow.certificate import GenerationRecord, columns, with_generation
 
 from .condition import TrialCondition
-from .world import DT
+from .world import DT, EXECUTED
 
 MAX_SPEED = 100.0  # m/s and rad/s; faster motion has diverged, and is not stored in files
 
@@ -103,6 +103,18 @@ class Trial:
     reason: str | None
     certificate: TrialCertificate
     seed: int
+
+    def lost_robots(self) -> dict[int, int]:
+        """Robots whose processes were lost, from 0, and how many actions had been executed by then."""
+        numbers = {f"robot {k + 1}": k for k in range(len(self.condition.contacts))}
+        lost: dict[int, int] = {}
+        executed = 0
+        for policy in self.certificate.policies:
+            for one in () if policy.generation is None else policy.generation.lost:
+                if one.agent in numbers:
+                    lost.setdefault(numbers[one.agent], executed)
+            executed += EXECUTED if policy.accepted else 0
+        return lost
 
     def to_json(self) -> dict[str, Any]:
         """As it stands in a file."""

@@ -21,12 +21,14 @@ class Moment(NamedTuple):
         robots: x, y and z of the underside, 0 on the ground, m.
         red_plank: Whether the plank is red.
         red_robots: Which robots are red.
+        lost_robots: Which robots were lost; they are pale.
     """
 
     plank: Float[np.ndarray, " 3"]
     robots: Float[np.ndarray, "robots 3"]
     red_plank: bool
     red_robots: Bool[np.ndarray, " robots"]
+    lost_robots: Bool[np.ndarray, " robots"]
 
 
 def moment_of(process: Process, tick: int) -> Moment:
@@ -59,6 +61,7 @@ def moment_of(process: Process, tick: int) -> Moment:
         _standing(robots, away, fallen),
         ended_badly,
         fallen | (_off_limits(robots, away) & ended_badly),
+        np.isin(np.arange(len(robots)), process.lost_by(tick)),
     )
 
 

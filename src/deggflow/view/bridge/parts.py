@@ -16,6 +16,7 @@ MARGIN_X, MARGIN_Y = 0.35, 0.6  # m of ground drawn beyond the workspace
 # After Okabe and Ito (2008) and Tol (2021), told apart by colour-blind readers; without their reds,
 # which stand for failure here.
 ACCENTS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#6a4c93", "#b5a642", "#4d4d4d")
+LOST = "#c9c9c9"  # of robots that were lost
 WOOD, DARK_WOOD = "#c4935a", "#8a6238"
 
 _SHEET, _SIDE = rgb("#eceae4"), rgb("#cdc7ba")

@@ -113,6 +113,8 @@ def write_pictures(
     paths = [path]
     save_png(path, _building(trial, twin, around._replace(drive=None), options.renderer))
     process = assemble(trial, around) if options.process or options.video else None
+    if process is not None and process.lost:
+        on_note(f"Trial {line} is shown without the crossing, as a robot was lost.")
     if options.process and process is not None:
         paths.append(path.with_stem(f"{path.stem}_process"))
         save_png(paths[-1], snapshots(process, renderer=options.renderer))
@@ -152,7 +154,11 @@ def _caption(trial: Trial) -> str:
     if trial.reason is not None:
         return trial.reason
     spare = 1000 * trial.certificate.min_margin
-    return f"bridge built in {len(trial.twists) * DT:.1f} s, {spare:.0f} mm to spare"
+    lost = [
+        f", robot {robot + 1} lost at {actions * DT:.1f} s"
+        for robot, actions in sorted(trial.lost_robots().items())
+    ]
+    return f"bridge built in {len(trial.twists) * DT:.1f} s, {spare:.0f} mm to spare{''.join(lost)}"
 
 
 def _titled_course(

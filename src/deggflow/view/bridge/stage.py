@@ -9,8 +9,9 @@ from deggflow.view.stage import MovableModel, Shot, Stage, open_stage
 
 from .mjcf import PLANK, bridge_mjcf, robot_name
 from .moment import Moment
+from .parts import LOST
 
-_TINT = 0.72  # how red what is at fault becomes
+_TINT = 0.72  # how red what is at fault becomes, and how pale who was lost
 
 
 class BridgeModel(MovableModel[Moment]):
@@ -22,21 +23,21 @@ class BridgeModel(MovableModel[Moment]):
         self._robots = [robot_name(i) for i in range(len(process.robot_goals))]
 
     def place(self, state: Moment) -> None:
-        """Moves plank and robots; reddens what is at fault."""
+        """Moves plank and robots; reddens what is at fault, and pales who was lost."""
         x, y, theta = state.plank
         self.move(PLANK, x, y, theta=theta)
         for name, place in zip(self._robots, state.robots, strict=True):
             self.move(name, *place)
-        reds = [state.red_plank, *state.red_robots.tolist()]
-        for name, red in zip([PLANK, *self._robots], reds, strict=True):
-            self._colour(name, red)
+        self._tint(PLANK, FAULT if state.red_plank else None)
+        for name, red, lost in zip(self._robots, state.red_robots, state.lost_robots, strict=True):
+            self._tint(name, FAULT if red else LOST if lost else None)
 
-    def _colour(self, name: str, red: bool) -> None:
-        """Colours a body's geoms, but not its shadow."""
+    def _tint(self, name: str, colour: str | None) -> None:
+        """Tints a body's geoms, but not its shadow."""
         owned = self.model.geom_bodyid == self.model.body(name).id
         geoms = np.flatnonzero(owned & (self._colours[:, 3] == 1.0))
         plain = self._colours[geoms, :3]
-        tint = _TINT * (np.array(rgb(FAULT)) - plain) if red else 0.0
+        tint = 0.0 if colour is None else _TINT * (np.array(rgb(colour)) - plain)
         self.model.geom_rgba[geoms, :3] = plain + tint
 
 

@@ -14,7 +14,7 @@ from deggflow.view.outlines import placed
 from deggflow.view.topview import figure_size, pixels, set_extent, topview_axes
 
 from .moment import THICKNESS, Moment
-from .parts import ACCENTS, DARK_WOOD, WOOD
+from .parts import ACCENTS, DARK_WOOD, LOST, WOOD
 
 _GROUND, _GRID, _PIT, _BORDER = "#f4f2ec", "#e2dfd6", "#57524b", "#8f8878"
 _MARGIN = 0.3  # m around the workspace
@@ -47,7 +47,8 @@ def topview_figure(
     for i, goal in enumerate(robot_goals):
         _draw_goal(axes, i, goal)
     for i, robot in enumerate(moment.robots):
-        _draw_robot(axes, i, robot, bool(moment.red_robots[i]))
+        of_lost = LOST if moment.lost_robots[i] else ACCENTS[i % len(ACCENTS)]
+        _draw_robot(axes, robot, FAULT if moment.red_robots[i] else of_lost)
     return figure
 
 
@@ -96,10 +97,9 @@ def _draw_goal(axes: Axes, index: int, goal: Float[np.ndarray, " 2"]) -> None:
     )
 
 
-def _draw_robot(axes: Axes, index: int, robot: Float[np.ndarray, " 3"], red: bool) -> None:
+def _draw_robot(axes: Axes, robot: Float[np.ndarray, " 3"], colour: str) -> None:
     """A disk with a light deck; the rim is wide on the plank, and the disk faint in the pit."""
     x, y, z = (float(value) for value in robot)
-    colour = FAULT if red else ACCENTS[index % len(ACCENTS)]
     rim = 0.8 + 0.8 * max(z, 0.0) / THICKNESS
     disks = [
         Circle((x, y), world.ROBOT_RADIUS, facecolor=colour, edgecolor="#22252a", linewidth=rim),

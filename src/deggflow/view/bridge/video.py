@@ -108,11 +108,18 @@ def _bar(
     draw.text((edge, middle), f"{tick * TICK:.1f} s", INK, font("regular", size), "lm")
     start = edge + round(font("regular", size).getlength("000.0 s")) + edge
     failed = process.failure is not None and tick == len(process.stage) - 1
-    text = str(process.failure) if failed else STAGE_LABELS[process.stage[tick]]
+    text = str(process.failure) if failed else _label(process, tick)
     letters = fitting(text, size, width - start - edge)
     draw.text((start, middle), text, FAULT_INK if failed else GREY, letters, "lm")
     _draw_line(draw, process, tick, total, (edge, width - edge, rows))
     return np.array(sheet)
+
+
+def _label(process: Process, tick: int) -> str:
+    """The stage, and who was lost."""
+    lost = [f"robot {robot + 1}" for robot in process.lost_by(tick)]
+    label = STAGE_LABELS[process.stage[tick]]
+    return f"{label} without {' and '.join(lost)}" if lost else label
 
 
 def _draw_line(
