@@ -111,5 +111,7 @@ class Member:
                     answer = self.agent.next_message(event.contents)
                 else:
                     answer = self.agent.message_without(event.lost)
+            if self.released:
+                return  # what others may still need is repeated; another round would only be answered by one
             # Of several events the last one counts: after a loss, what was to be said before it is void.
             pending = self.agreement.publish(answer)
