@@ -145,6 +145,30 @@ def test_bad_arguments_are_one_line(inside, arguments, hint):
     assert hint in done.stderr
 
 
+@pytest.mark.parametrize(
+    ("processes", "hint"),
+    [(["2"], "--addresses must be those of all 2 processes; got 3"), ([], "--processes without a number")],
+)  # fmt: skip
+def test_a_part_of_a_large_scene_is_told_how_many_there_are(inside, processes, hint):
+    place = ["--number", "0", "--addresses", "a:1", "b:2", "c:3"]
+    done = inside("run", "agent", "tabletop", "--size", "40", "--processes", *processes, *place)
+    assert done.returncode == 2
+    assert hint in done.stderr
+
+
+def test_children_are_told_how_many_share_a_scene():
+    from deggflow.app.team import LocalTeam
+    from deggflow.tasks.tabletop.changes import random_conditions
+    from deggflow.tasks.tabletop.options import TabletopGenerate
+    from deggflow.tasks.tabletop.processes import TabletopProcesses
+
+    scenes, options = random_conditions(14, 1, "changed", 0), TabletopGenerate(processes=2)
+    with LocalTeam("tabletop", TabletopProcesses(), scenes, options) as team:
+        words = team._command(1, 0)
+    assert words[words.index("--processes") + 1] == "2"
+    assert len(words[words.index("--addresses") + 1 : words.index("--conditions")]) == 2
+
+
 def test_addresses_are_those_of_all(inside):
     done = inside("run", "agent", "bridge", "--size", "2", "--number", "0", "--addresses", "a:1", "b:2")  # fmt: skip
     assert done.returncode == 2
