@@ -134,6 +134,7 @@ def test_a_team_of_which_only_frozen_processes_are_left_ends(children):
         (["generate", "--size", "3", "--metrics", "m"], "--metrics goes with --processes"),
         (["generate", "--size", "40", "--processes"], "needs a number, such as --processes 8"),
         (["generate", "--size", "4", "--processes", "2"], "--processes with a number takes large scenes"),
+        (["generate", "--size", "14", "--processes", "15"], "must give each process 1 to 1000 of the 14 objects"),
         (["generate", "--size", "40", "--processes", "1"], "--processes must lie in [2, 64]; got 1"),
         (["generate", "--size", "40", "--processes", "2", "--guidance-phase", "during"], "goes with --guidance-phase after"),
         (["generate", "--size", "40", "--processes", "2", "--requirements", "balanced"], "without a balance"),

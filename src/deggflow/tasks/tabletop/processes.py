@@ -46,6 +46,10 @@ from .scene import Scene, finished
 from .verdict import BUFFER
 
 
+MOST_OBJECTS = 1000
+"""Of a large scene in one process: what it says of them in the end fits into a datagram."""
+
+
 class _Drawn(NamedTuple):
     """A scene as drawn, and the numbers of the objects that were lost on the way."""
 
@@ -191,6 +195,10 @@ class TabletopProcesses(AgentFactory):
         if not processes:
             raise InputError(
                 f"--processes takes scenes on the paper's table; a large one of {count} objects needs a number, such as --processes 8"
+            )
+        if not processes <= count <= MOST_OBJECTS * processes:
+            raise InputError(
+                f"--processes must give each process 1 to {MOST_OBJECTS} of the {count} objects; got {processes} processes"
             )
         if condition.balance is not None:
             raise InputError(
