@@ -45,7 +45,6 @@ from .requirements import tabletop_guidance
 from .scene import Scene, finished
 from .verdict import BUFFER
 
-
 MOST_OBJECTS = 1000
 """Of a large scene in one process: what it says of them in the end fits into a datagram."""
 
