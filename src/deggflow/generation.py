@@ -98,7 +98,8 @@ def generate(
             a `while_loop`, which has no reverse-mode gradient; fixed steps have one.
         mask: Which agents are present in a padded team; None: all. Absent ones stay at z(0), are asked for nothing and
             judge nothing. Functions of several agents must leave them out: keep the mask in the condition, too.
-        stops: tau at which each agent stops for good (u_i = 0, dz_i/dtau = 0); None if all of them move.
+        stops: tau at which each agent stops for good (u_i = 0, dz_i/dtau = 0), and from the start, with any prediction, if it
+            is negative; None if all of them move.
         keep_trace: Also return values, bounds and rows at every grid point.
         keep_path: Also return z at every grid point.
 

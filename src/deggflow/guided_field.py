@@ -37,13 +37,16 @@ class GuidedField(NamedTuple):
         return lambda tau, z: checked_drift(self.field(tau, z, self.condition), z)
 
     def start(self, z0: States) -> States:
-        """Where the guided generation begins, from z(0); absent agents stay there."""
+        """Where the guided generation begins, from z(0); absent agents stay there, and so do those with a negative stop."""
+        present = self.mask
+        if self.stops is not None:
+            present = self.stops >= 0 if present is None else present & (self.stops >= 0)
 
-        def present(tau: Scalar, z: States) -> States:
-            slope = self.nominal(tau, z)
-            return slope if self.mask is None else jnp.where(self.mask[:, None], slope, 0.0)
+        def slope(tau: Scalar, z: States) -> States:
+            value = self.nominal(tau, z)
+            return value if present is None else jnp.where(present[:, None], value, 0.0)
 
-        return self.drift.start(present, z0)
+        return self.drift.start(slope, z0)
 
     def velocity(self, drift_state: Any) -> Velocity:
         """dz/dtau of the guided field, where the drift is in this state."""

@@ -131,6 +131,7 @@ def test_in_float32_samples_differ_by_rounding():
 
 
 PROGRAM = TeamProgram(field, BOTH, grid=GRID)
+PREDICTED = TeamProgram(field, BOTH, grid=GRID, drift=AfterPrediction(ExtrapolatedEndpoint(4)))
 CONDITION = jnp.asarray(0.3)
 
 
@@ -182,15 +183,20 @@ def test_lost_agents_stop_where_all_know_them(seed):
     assert [each["agent"] for each in certificate.to_json()["generation"]["lost"]] == ["b", "d"]
 
 
-def test_agents_that_were_lost_before_stay_where_they_begin():
-    start = PROGRAM.start(a_start(1), CONDITION, lost=[2])
-    agents = [Agent(PROGRAM, k, start) for k in start.present]
+@pytest.mark.parametrize("program", ["PROGRAM", "PREDICTED"])
+def test_agents_that_were_lost_before_stay_where_they_begin(program):
+    """In a prediction, too."""
+    program = {"PROGRAM": PROGRAM, "PREDICTED": PREDICTED}[program]
+    start = program.start(a_start(1), CONDITION, lost=[2])
+    agents = [Agent(program, k, start) for k in start.present]
     assert [agent.number for agent in agents] == [0, 1, 3]
     contents = {agent.number: agent.first_message() for agent in agents}
     while agents[0].generated is None:
         contents = {agent.number: agent.next_message(contents) for agent in agents}
-    made, stops = agents[0].generated, np.array([np.inf, np.inf, 0, np.inf], np.float32)
-    whole = generate(field, BOTH, a_start(1), CONDITION, grid=GRID, stops=stops)
+    made, stops = agents[0].generated, np.array([np.inf, np.inf, -1, np.inf], np.float32)
+    whole = generate(
+        field, BOTH, a_start(1), CONDITION, grid=GRID, drift=program.drift, stops=stops
+    )
     np.testing.assert_allclose(made.generation.z, whole.z, atol=1e-4)
     np.testing.assert_array_equal(made.generation.z[2], a_start(1)[2])
     assert [each.tau for each in made.certify(BOTH, CONDITION).generation.lost] == [0.0]

@@ -188,7 +188,9 @@ class TeamProgram:
 
     def _first(self, start: Start) -> tuple[SampleProgress, Any]:
         """Progress of a sample that proposes z(0), and the state of the drift."""
-        z0 = self._guided(start).start(start.z0)  # a prediction is the same for all: they know z(0)
+        # A prediction is the same for all: they know z(0). Who was lost before has no part in it.
+        before = jnp.where(jnp.asarray(start.stops) > 0, jnp.inf, -1.0)
+        z0 = self._guided(start)._replace(stops=before).start(start.z0)
         state = self.guidance.init(z0, start.condition, start.mask)
 
         def shapes(state: Any, step: Any, tau: Scalar, z: States) -> Any:

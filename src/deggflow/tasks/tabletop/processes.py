@@ -2,7 +2,6 @@
 
 import abc
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any, NamedTuple, cast
 
 import jax
@@ -60,21 +59,23 @@ class _AbstractSceneAgent(AbstractAgent[SceneCondition]):
     """A process that draws scenes with others; all find by themselves whether a scene has to be drawn again."""
 
     @abc.abstractmethod
-    def draw(self, condition: SceneCondition, run: RunSettings, draw: int) -> _Drawn:
-        """A draw of the scene number `run.first`."""
+    def draw(
+        self, condition: SceneCondition, run: RunSettings, draw: int, before: _Drawn | None
+    ) -> _Drawn:
+        """A draw of the scene number `run.first`, and the one before, if any: objects that were lost in it stay."""
 
     def make(self, condition: SceneCondition, run: RunSettings) -> Made | None:
-        """As `TabletopGenerator.scenes`; a scene on the way of which an object was lost is not drawn again."""
-        lost: frozenset[int] = frozenset()
+        """As `TabletopGenerator.scenes`."""
+        drawn: _Drawn | None = None
 
         def attempt(_: Sequence[int], draw: int) -> list[Candidate[Scene]]:
-            nonlocal lost
-            batch, lost = self.draw(condition, run, draw)
-            (candidate,) = judged(batch, [condition], run.seed)
-            return [replace(candidate, satisfied=candidate.satisfied or bool(lost))]
+            nonlocal drawn
+            drawn = self.draw(condition, run, draw, drawn)
+            return judged(drawn.batch, [condition], run.seed)
 
         (scene,) = finished(redraw_until_satisfied(attempt, 1, run.max_draws))
-        return Made(scene, lost)
+        assert drawn is not None
+        return Made(scene, drawn.lost)
 
 
 class ObjectAgent(_AbstractSceneAgent):
@@ -91,24 +92,32 @@ class ObjectAgent(_AbstractSceneAgent):
             return None
         return super().make(condition, run)
 
-    def draw(self, condition: SceneCondition, run: RunSettings, draw: int) -> _Drawn:
-        """With a process for every object."""
-        made = self._generate(condition, run, draw)
+    def draw(
+        self, condition: SceneCondition, run: RunSettings, draw: int, before: _Drawn | None
+    ) -> _Drawn:
+        """With a process for every object; in another draw, those that were lost are obstacles where they stopped."""
+        made = self._generate(condition, run, draw, before)
         lost = frozenset(np.flatnonzero(np.isfinite(made.stops)).tolist())
         return _Drawn(self._batch(made, condition), lost)
 
-    def _generate(self, condition: SceneCondition, run: RunSettings, draw: int) -> TeamGeneration:
+    def _generate(
+        self, condition: SceneCondition, run: RunSettings, draw: int, before: _Drawn | None
+    ) -> TeamGeneration:
         arrays = take(to_arrays([condition]), 0)
         program = self._program(cast(DecoupledGuidance, self._generator.guidance_for(condition)))
-        noise = initial_noise(run.seed, np.array([run.first]), draw)[0]
-        start = program.start(noise[: padded_size(len(condition.objects))], arrays, arrays.mask)
+        z0 = initial_noise(run.seed, np.array([run.first]), draw)[0]
+        z0 = z0[: padded_size(len(condition.objects))].copy()
+        lost = [] if before is None else sorted(before.lost)
+        if before is not None:
+            z0[lost] = before.batch.z[0, lost]
+        start = program.start(z0, arrays, arrays.mask, lost)
         link = self._link
         if draw == 0:
             with link.compiling():
                 compile_agent(program, link.number, start)
         return run_agent(
             program, link.number, start, link.transport,
-            faults=link.faults_of(len(condition.objects)), timing=link.timing,
+            faults=max(link.faults_of(len(condition.objects)) - len(lost), 0), timing=link.timing,
             greet=draw == 0, on_round=link.on_round,
         )  # fmt: skip
 
@@ -141,7 +150,9 @@ class PartAgent(_AbstractSceneAgent):
         self._exchange = Exchange(link.number, processes, transport, link.timing, link.on_round)
         self._programs: dict[int, PartProgram] = {}
 
-    def draw(self, condition: SceneCondition, run: RunSettings, draw: int) -> _Drawn:
+    def draw(
+        self, condition: SceneCondition, run: RunSettings, draw: int, before: _Drawn | None
+    ) -> _Drawn:
         """With room for as many neighbours as there are, as `LargeSceneGenerator.batch`."""
         z0 = large_noise(condition, run.seed, run.first, draw)
         arrays, count = (
