@@ -18,14 +18,16 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Container
 from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
-BLOCK = re.compile(r"^```sh\n(.*?)^```", re.DOTALL | re.MULTILINE)
-# Set-up, or machines and wheels of one's own:
-ELSEWHERE = re.compile(r"^(make|pip|git|cd) |10\.0\.0\.|\.local:|\.whl")
+BLOCK = re.compile(r"^```(sh|console|bash)\n(.*?)^```", re.DOTALL | re.MULTILINE)
+HERE = ("sh", "console")  # bash: scripts of other machines
+# Set-up, machines and wheels of one's own, or the task of extending.md, which has a test of its own:
+ELSEWHERE = re.compile(r"^(make|pip|git|cd|deggflow drones) |10\.0\.0\.|\.local:|\.whl")
 COMMENT = re.compile(r"(^|\s+)#.*|\s+$")
 NUMBER = re.compile(r"--(count|cases|trials|hard|modes) ([0-9]+)")
 GRACE = 120  # s that an interrupted command may take to end on a busy machine
@@ -49,11 +51,13 @@ class Ended(NamedTuple):
     last: str = ""  # line of its output
 
 
-def commands_of(page: Path) -> list[str]:
-    """The lines of the page's shell blocks."""
-    blocks = (block.replace("\\\n", " ") for block in BLOCK.findall(page.read_text()))
+def commands_of(page: Path, kinds: Container[str] = HERE) -> list[str]:
+    """The lines of the page's shell blocks, without prompts and comments."""
+    blocks = [
+        text.replace("\\\n", " ") for kind, text in BLOCK.findall(page.read_text()) if kind in kinds
+    ]
     lines = [COMMENT.sub("", line) for block in blocks for line in block.splitlines()]
-    return list(dict.fromkeys(filter(None, lines)))
+    return list(dict.fromkeys(line.removeprefix("$ ") for line in lines if line))
 
 
 def run(command: str, folder: Path, limit: float) -> Ended:
@@ -116,7 +120,7 @@ def run_page(page: Path, limit: float, totals: Counter[str]) -> None:
             run(command, folder, 600)
         for command in commands_of(page):
             if ELSEWHERE.search(command):
-                ended = Ended("not run: set-up, or other machines", 0)
+                ended = Ended("not run: set-up, other machines, or another task", 0)
             else:
                 write_requested(command, folder)
                 shutil.rmtree(before, ignore_errors=True)

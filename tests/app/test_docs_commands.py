@@ -6,6 +6,7 @@ import re
 import shlex
 from pathlib import Path
 
+import docs_commands
 import pytest
 from tyro.extras import SubcommandApp
 
@@ -18,20 +19,17 @@ PAGES = [
     ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "benchmarks" / "README.md",
     *sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "docs" / "api").glob("*.md")),
 ]  # fmt: skip
-BLOCK = re.compile(r"^```(?:sh|bash|console)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 OTHER_TASK = ("deggflow", "drones")  # of extending.md, which has a test of its own
 CODE = re.compile(r"`((?:deggflow|python|make) [^`]+)`")
 
 
 def commands_of(page):
     """Those of code blocks, which are whole, and those within the text, which may leave out what must be given."""
-    text = page.read_text()
-    for block in BLOCK.findall(text):
-        for line in block.replace("\\\n", " ").splitlines():
-            words = shlex.split(line.removeprefix("$ "), comments=True)
-            if words and tuple(words[:2]) != OTHER_TASK:
-                yield words, True
-    for code in CODE.findall(BLOCK.sub("", text)):
+    for line in docs_commands.commands_of(page, (*docs_commands.HERE, "bash")):
+        words = shlex.split(line)
+        if tuple(words[:2]) != OTHER_TASK:
+            yield words, True
+    for code in CODE.findall(docs_commands.BLOCK.sub("", page.read_text())):
         yield shlex.split(code), False
 
 
