@@ -68,11 +68,80 @@ def report(taken: dict[str, list[float]], unit: float, digits: int) -> None:
         print(f"  {name:40}{median:10.{digits}f}{least:10.{digits}f}", flush=True)
 
 
-def evaluations(settings: Settings, samples: int) -> dict[str, Callable[[], Any]]:
-    """Loops of as many evaluations as the settings say."""
+def nothing(x: Any, t: Any) -> Any:
+    """A field that costs nothing by itself."""
+    return x
+
+
+def by_pure_callback(tau: Any, z: Any, condition: Any) -> Any:
+    """The same, evaluated by NumPy."""
+    import jax
+
+    shape = jax.ShapeDtypeStruct(z.shape, z.dtype)
+    return jax.pure_callback(
+        lambda tau, z: np.asarray(z), shape, tau, z, vmap_method="broadcast_all"
+    )
+
+
+def perceptrons(size: int, seed: int) -> tuple[torch.nn.Module, Callable[[Any, Any], Any]]:
+    """One of two hidden layers that takes a state and tau, in PyTorch and in JAX."""
     import jax
     import jax.numpy as jnp
 
+    torch.manual_seed(seed)
+    first, second, last = (
+        torch.nn.Linear(*widths) for widths in ((size + 1, 64), (64, 64), (64, size))
+    )
+    mlp = torch.nn.Sequential(first, torch.nn.SELU(), second, torch.nn.SELU(), last).eval()
+    weights = [jnp.asarray(one.detach().numpy()) for one in mlp.parameters()]
+
+    def in_jax(x: Any, t: Any) -> Any:
+        hidden = jnp.append(x, t)
+        for weight, bias in zip(weights[:4:2], weights[1:4:2], strict=True):
+            hidden = jax.nn.selu(weight @ hidden + bias)
+        return weights[4] @ hidden + weights[5]
+
+    return mlp, in_jax
+
+
+@dataclass(frozen=True)
+class Loop:
+    """Evaluations one after another, from some states on."""
+
+    evaluations: int
+    tau: np.ndarray
+    z: np.ndarray
+    conditions: Any
+
+    def in_jax(self, field: Any) -> Callable[[], Any]:
+        """In a compiled program."""
+        import jax
+
+        def step(z: Any, condition: Any) -> Any:
+            return z + 1e-3 * jax.vmap(field)(self.tau, z, condition)
+
+        @jax.jit
+        def loop(z: Any, condition: Any) -> Any:
+            return jax.lax.fori_loop(0, self.evaluations, lambda _, z: step(z, condition), z)
+
+        return lambda: jax.block_until_ready(loop(self.z, self.conditions))
+
+    def in_torch(self, velocity: Callable[[Any, Any], Any]) -> Callable[[], Any]:
+        """In PyTorch alone."""
+        t = torch.from_numpy(self.tau)
+
+        @torch.no_grad()
+        def loop() -> Any:
+            x = torch.from_numpy(self.z.copy())
+            for _ in range(self.evaluations):
+                x = x + 1e-3 * velocity(x, t)
+            return x
+
+        return loop
+
+
+def evaluations(settings: Settings, samples: int) -> dict[str, Callable[[], Any]]:
+    """Loops of as many evaluations as the settings say."""
     from deggflow.field.foreign import JaxField
     from deggflow.field.torch import TorchField, joined
     from deggflow.tasks.tabletop.changes import random_conditions
@@ -85,70 +154,24 @@ def evaluations(settings: Settings, samples: int) -> dict[str, Callable[[], Any]
     agents = conditions.mask.shape[1]
     z = initial_noise(settings.seed, np.arange(samples), 0)[:, :agents]
     tau = np.linspace(0, 1, samples, dtype=np.float32)
-    joint = 3 * agents
-    torch.manual_seed(settings.seed)
-    sizes = [
-        torch.nn.Linear(joint + 1, 64),
-        torch.nn.SELU(),
-        torch.nn.Linear(64, 64),
-        torch.nn.SELU(),
-    ]
-    mlp = torch.nn.Sequential(*sizes, torch.nn.Linear(64, joint)).eval()
-    weights = [jnp.asarray(one.detach().numpy()) for one in mlp.parameters()]
+    loop = Loop(settings.evaluations, tau, z, conditions)
+    mlp, same_mlp = perceptrons(3 * agents, settings.seed)
     scene = load_torch_field()
-    given = {
+    arrays = {
         name: torch.from_numpy(np.array(value)) for name, value in scene_arrays(conditions).items()
     }
-
-    def same_mlp(x: Any, t: Any) -> Any:
-        hidden = jnp.append(x, t)
-        for weight, bias in zip(weights[:4:2], weights[1:4:2], strict=True):
-            hidden = jax.nn.selu(weight @ hidden + bias)
-        return weights[4] @ hidden + weights[5]
-
-    def nothing(x: Any, t: Any) -> Any:
-        return x
-
-    def by_pure_callback(tau: Any, z: Any, condition: Any) -> Any:
-        shape = jax.ShapeDtypeStruct(z.shape, z.dtype)
-        return jax.pure_callback(
-            lambda tau, z: np.asarray(z), shape, tau, z, vmap_method="broadcast_all"
-        )
-
-    def in_jax(field: Any) -> Callable[[], Any]:
-        @jax.jit
-        def loop(z: Any, condition: Any) -> Any:
-            return jax.lax.fori_loop(
-                0,
-                settings.evaluations,
-                lambda _, z: z + 1e-3 * jax.vmap(field)(tau, z, condition),
-                z,
-            )
-
-        return lambda: jax.block_until_ready(loop(z, conditions))
-
-    def alone(velocity: Callable[[torch.Tensor, torch.Tensor], torch.Tensor]) -> Callable[[], Any]:
-        t = torch.from_numpy(tau)
-
-        @torch.no_grad()
-        def loop() -> Any:
-            x = torch.from_numpy(z.copy())
-            for _ in range(settings.evaluations):
-                x = x + 1e-3 * velocity(x, t)
-            return x
-
-        return loop
-
     return {
-        "nothing, TorchField": in_jax(TorchField(nothing)),
-        "nothing, TorchField with memory lent": in_jax(TorchField(nothing, lend=True)),
-        "nothing, jax.pure_callback": in_jax(by_pure_callback),
-        "MLP 64-64, JAX": in_jax(JaxField(same_mlp, flat=True)),
-        "MLP 64-64, TorchField": in_jax(TorchField(mlp, joined, flat=True)),
-        "MLP 64-64, PyTorch alone": alone(lambda x, t: joined(mlp, x.flatten(1), t).view_as(x)),
-        "tabletop, JAX": in_jax(load_field()),
-        "tabletop, TorchField": in_jax(TorchField(scene, extras=scene_arrays)),
-        "tabletop, PyTorch alone": alone(lambda x, t: scene(x, t, **given)),
+        "nothing, TorchField": loop.in_jax(TorchField(nothing)),
+        "nothing, TorchField with memory lent": loop.in_jax(TorchField(nothing, lend=True)),
+        "nothing, jax.pure_callback": loop.in_jax(by_pure_callback),
+        "MLP 64-64, JAX": loop.in_jax(JaxField(same_mlp, flat=True)),
+        "MLP 64-64, TorchField": loop.in_jax(TorchField(mlp, joined, flat=True)),
+        "MLP 64-64, PyTorch alone": loop.in_torch(
+            lambda x, t: joined(mlp, x.flatten(1), t).view_as(x)
+        ),
+        "tabletop, JAX": loop.in_jax(load_field()),
+        "tabletop, TorchField": loop.in_jax(TorchField(scene, extras=scene_arrays)),
+        "tabletop, PyTorch alone": loop.in_torch(lambda x, t: scene(x, t, **arrays)),
     }
 
 

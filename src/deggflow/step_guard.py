@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from .guided_field import Velocity
+from .shapes import Scalar
 from .solver import RungeKutta
 from .trace import Point, Summary, TracedReport, add_point, empty_summary, rounding, traced
 
@@ -150,12 +151,7 @@ class GuardedSteps(NamedTuple):
             lambda forced_on, on, old: jnp.where(forced, forced_on, jnp.where(accept, on, old)),
             recovered, then, at.state,
         )  # fmt: skip
-        unexpected = (report.value - at.value) / jnp.where(size > 0, size, 1.0) - at.value_slope
-        much_shorter = size <= at.refused_size / 4
-        kinks = forced & much_shorter & over & (unexpected > UNSMOOTH * at.unexpected)
-        # Rounding of the values, over a short step, is no slope.
-        rise = jnp.minimum(unexpected * size, at.unexpected * at.refused_size)
-        kinks &= rise > rounding(report.value, at.value)
+        unexpected, kinks = _kinks(at, report.value, size, forced & over)
         first_refusal = refuse & (at.left == self.guard.halvings)
         last = at.goal >= points - 1
         point = Point(
@@ -166,10 +162,7 @@ class GuardedSteps(NamedTuple):
         slope = jnp.where(accept, slope, at.slope)
         ahead = self.grid[jnp.minimum(goal, points - 1)]
         largest_size = jnp.where(refuse, size / 2, jnp.where(accept, 2.0, 1.0) * at.largest_size)
-        rest = ahead - tau
-        # Of a rest that takes more than one step, the last is no shorter than the one before.
-        part = jnp.minimum(largest_size, rest / 2)
-        after = jnp.where(rest > largest_size, tau + part, ahead)
+        after = _next_tau(tau, ahead, largest_size)
         proposed_z = self.solver.step(
             lambda t, x: velocity(state, goal - 1, t, x)[1], tau, z, slope, after - tau
         )
@@ -201,6 +194,29 @@ class GuardedSteps(NamedTuple):
         if self.until is None:
             return left
         return left & ((at.proposed_tau < self.until) | (self.until == self.grid[-1]))
+
+
+def _kinks(
+    at: SampleProgress,
+    value: Float[Array, " rows"],
+    size: Scalar,
+    forced: Bool[Array, " rows"],
+) -> tuple[Float[Array, " rows"], Bool[Array, " rows"]]:
+    """How much faster values rose in a step than their slopes said, and which rows' forced steps that makes kinks."""
+    unexpected = (value - at.value) / jnp.where(size > 0, size, 1.0) - at.value_slope
+    much_shorter = size <= at.refused_size / 4
+    kinks = forced & much_shorter & (unexpected > UNSMOOTH * at.unexpected)
+    # Rounding of the values, over a short step, is no slope.
+    rise = jnp.minimum(unexpected * size, at.unexpected * at.refused_size)
+    return unexpected, kinks & (rise > rounding(value, at.value))
+
+
+def _next_tau(tau: Scalar, ahead: Scalar, largest_size: Scalar) -> Scalar:
+    """Where the next step ends, `ahead` at most."""
+    rest = ahead - tau
+    # Of a rest that takes more than one step, the last is no shorter than the one before.
+    part = jnp.minimum(largest_size, rest / 2)
+    return jnp.where(rest > largest_size, tau + part, ahead)
 
 
 Advance = Callable[[Any, SampleProgress], SampleProgress]

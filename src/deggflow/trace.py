@@ -7,6 +7,7 @@ from jaxtyping import Array, Bool, Float, Int, Integer
 
 from .guidance import GuidanceReport
 from .identity import fingerprint
+from .shapes import Scalar
 
 BLAMED = 0.5
 """Of the largest contribution to a value: agents that contribute at least as much are named where a step is forced."""
@@ -229,20 +230,12 @@ def add_point(so_far: Summary, point: Point, mask: Bool[Array, " agents"] | None
     certain = excess - rounding(report.value, report.limit)
     certain = jnp.where(jnp.isnan(certain), excess, certain)
     distance = jnp.sqrt(jnp.max(jnp.where(here, jnp.sum((point.z - so_far.z) ** 2, axis=-1), 0.0)))
-    part = report.contribution
-    blamed = part >= BLAMED * jnp.max(part, axis=-1, keepdims=True)
-    blamed &= (point.forced & point.over)[:, None] & here[None]
+    blamed = _blamed(point) & here[None]
 
     def when(flag: Array, value: Array, before: Array) -> Array:
         return jnp.where(flag, value, before)
 
-    def earliest(before: Array, flags: Array, counts: Array) -> Array:
-        return jnp.where(flags & counts, jnp.minimum(before, tau), before)
-
-    return Summary(
-        requirements=so_far.requirements,
-        condition=so_far.condition,
-        z0=so_far.z0,
+    return so_far._replace(
         z=when(new, point.z, so_far.z),
         first_tau=when(new & first, tau, so_far.first_tau),
         last_tau=when(new, tau, so_far.last_tau),
@@ -259,36 +252,69 @@ def add_point(so_far: Summary, point: Point, mask: Bool[Array, " agents"] | None
         certain_excess=when(
             new, jnp.maximum(so_far.certain_excess, certain), so_far.certain_excess
         ),
-        active_points=so_far.active_points + jnp.any(report.active & at_rows, axis=-1),
-        smallest_ell_norm=jnp.minimum(
-            so_far.smallest_ell_norm,
-            jnp.min(jnp.where(at_rows, report.ell_norm, jnp.inf), axis=-1),
-        ),
-        least_opposed_sine=jnp.minimum(
-            so_far.least_opposed_sine,
-            jnp.min(jnp.where(acts & here, report.opposed_sine, 1.0)),
-        ),
-        largest_input_norm=when(
-            acts & here,
-            jnp.maximum(so_far.largest_input_norm, report.input_norm),
-            so_far.largest_input_norm,
-        ),
-        infeasible_points=so_far.infeasible_points + (~report.row_feasible & at_rows),
-        qp_infeasible_points=so_far.qp_infeasible_points + (report.qp_infeasible & acts & here),
+        **_rows_and_inputs(so_far, report, acts & here, at_rows),
         forced_steps=so_far.forced_steps + blamed,
         kink_points=so_far.kink_points + (point.kinks & new),
-        nan=NotANumber(
-            earliest(so_far.nan.drift, report.drift_nan, acts & here),
-            earliest(so_far.nan.value, report.value_nan, new & here[None]),
-            earliest(so_far.nan.gradient, report.gradient_nan, at_rows),
-            earliest(so_far.nan.input, report.input_nan, acts & here),
-        ),
+        nan=_not_a_number(so_far.nan, report, tau, new & here, acts & here),
         work=Work(
             so_far.work.evaluations + (new | point.refused),
             so_far.work.field_evaluations,
             so_far.work.refused_steps + point.refused,
             so_far.work.forced_steps + point.forced,
         ),
+    )
+
+
+def _blamed(point: Point) -> Bool[Array, "rows agents"]:
+    """Whose contributions a forced step is put down to."""
+    part = point.report.contribution
+    large = part >= BLAMED * jnp.max(part, axis=-1, keepdims=True)
+    return large & (point.forced & point.over)[:, None]
+
+
+def _rows_and_inputs(
+    so_far: Summary,
+    report: GuidanceReport,
+    acting: Bool[Array, " agents"],
+    at_rows: Bool[Array, "1 agents"],
+) -> dict[str, Array]:
+    """What is known of rows and inputs with those of agents that act."""
+    return {
+        "active_points": so_far.active_points + jnp.any(report.active & at_rows, axis=-1),
+        "smallest_ell_norm": jnp.minimum(
+            so_far.smallest_ell_norm,
+            jnp.min(jnp.where(at_rows, report.ell_norm, jnp.inf), axis=-1),
+        ),
+        "least_opposed_sine": jnp.minimum(
+            so_far.least_opposed_sine, jnp.min(jnp.where(acting, report.opposed_sine, 1.0))
+        ),
+        "largest_input_norm": jnp.where(
+            acting,
+            jnp.maximum(so_far.largest_input_norm, report.input_norm),
+            so_far.largest_input_norm,
+        ),
+        "infeasible_points": so_far.infeasible_points + (~report.row_feasible & at_rows),
+        "qp_infeasible_points": so_far.qp_infeasible_points + (report.qp_infeasible & acting),
+    }
+
+
+def _not_a_number(
+    so_far: NotANumber,
+    report: GuidanceReport,
+    tau: Scalar,
+    there: Bool[Array, " agents"],
+    acting: Bool[Array, " agents"],
+) -> NotANumber:
+    """With the earliest tau of what is not a number at agents that are there, or act."""
+
+    def earliest(before: Array, flags: Array, counts: Array) -> Array:
+        return jnp.where(flags & counts, jnp.minimum(before, tau), before)
+
+    return NotANumber(
+        earliest(so_far.drift, report.drift_nan, acting),
+        earliest(so_far.value, report.value_nan, there[None]),
+        earliest(so_far.gradient, report.gradient_nan, acting[None]),
+        earliest(so_far.input, report.input_nan, acting),
     )
 
 

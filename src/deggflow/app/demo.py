@@ -1,8 +1,15 @@
 """`deggflow demo`: a first example for new users."""
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from .session import NOT_SATISFIED, SATISFIED, output, prepare_jax
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from deggflow.tasks.tabletop.scene import Scene
 
 
 def demo(out: Path = Path("demo"), count: int = 8, size: int = 8, seed: int = 0) -> int:
@@ -23,8 +30,6 @@ def demo(out: Path = Path("demo"), count: int = 8, size: int = 8, seed: int = 0)
     prepare_jax()
     import json
 
-    from rich.table import Table
-
     from deggflow.files import write_atomically
     from deggflow.tasks.tabletop.changes import random_conditions
     from deggflow.tasks.tabletop.field import load_field
@@ -36,8 +41,27 @@ def demo(out: Path = Path("demo"), count: int = 8, size: int = 8, seed: int = 0)
     conditions = random_conditions(size, count, "changed", seed)
     nominal = TabletopGenerator(generator.field).scenes(conditions, seed=seed, max_draws=1)
     guided = generator.scenes(conditions, seed=seed)
+    output().print(_table(nominal, guided, size))
+    lines = [json.dumps(scene.to_json()) for scene in guided]
+    write_atomically(out / "scenes.jsonl", "\n".join(lines) + "\n")
+    for line, scene in enumerate(guided, start=1):
+        target, first = out / f"scene_{line:04d}.png", line == 1
+        generations = regenerate(generator, scene, line)
+        write_pictures(scene, target, "auto", generations, nominal=True, video=first, mjcf=first)
+    output().print(
+        f"Scenes: {out / 'scenes.jsonl'}\n"
+        f"Pictures of the nominal and the guided scene: {out / 'scene_0001.png'} to {out / f'scene_{count:04d}.png'}\n"
+        f"The first scene being generated: {out / 'scene_0001.mp4'}; as a MuJoCo model: {out / 'scene_0001.xml'}"
+    )
+    return SATISFIED if all(scene.certificate.satisfied for scene in guided) else NOT_SATISFIED
+
+
+def _table(nominal: "Sequence[Scene]", guided: "Sequence[Scene]", size: int) -> "Table":
+    """One row for each pair of scenes."""
+    from rich.table import Table
+
     table = Table(
-        title=f"{count} scenes of {size} objects under changed requirements, from the same z(0)",
+        title=f"{len(guided)} scenes of {size} objects under changed requirements, from the same z(0)",
         title_justify="left",
     )
     for heading in ("scene", "nominal", "guided", "least margin", "draws", "certificate"):
@@ -52,16 +76,4 @@ def demo(out: Path = Path("demo"), count: int = 8, size: int = 8, seed: int = 0)
             str(certificate.draws),
             "satisfied" if certificate.satisfied else "not satisfied",
         )
-    output().print(table)
-    lines = [json.dumps(scene.to_json()) for scene in guided]
-    write_atomically(out / "scenes.jsonl", "\n".join(lines) + "\n")
-    for line, scene in enumerate(guided, start=1):
-        target, first = out / f"scene_{line:04d}.png", line == 1
-        generations = regenerate(generator, scene, line)
-        write_pictures(scene, target, "auto", generations, nominal=True, video=first, mjcf=first)
-    output().print(
-        f"Scenes: {out / 'scenes.jsonl'}\n"
-        f"Pictures of the nominal and the guided scene: {out / 'scene_0001.png'} to {out / f'scene_{count:04d}.png'}\n"
-        f"The first scene being generated: {out / 'scene_0001.mp4'}; as a MuJoCo model: {out / 'scene_0001.xml'}"
-    )
-    return SATISFIED if all(scene.certificate.satisfied for scene in guided) else NOT_SATISFIED
+    return table

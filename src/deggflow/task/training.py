@@ -13,7 +13,15 @@ from deggflow.files import StrPath
 from deggflow.jsonl import InputError
 from deggflow.output import run_settings
 from deggflow.tables import is_table, read_info
-from deggflow.train import Curve, Remake, StoredDataset, TrainingConfig, run_segments, train
+from deggflow.train import (
+    Curve,
+    Dataset,
+    Remake,
+    StoredDataset,
+    TrainingConfig,
+    run_segments,
+    train,
+)
 from deggflow.weights import save_weights
 
 from .model import AbstractModel
@@ -89,14 +97,12 @@ def train_field(
     recipe = _recipe(model, files)  # read before hours of training, as it may be damaged
     sizes = dict(architecture)
     dataset = model.load_data(*files, out / "encoded")
-    training = dataset.training
-    shapes = training.structure if isinstance(training, StoredDataset) else training
-    if shapes.mask.shape[1] != dataset.validation.mask.shape[1]:
+    if _agents(dataset.training) != _agents(dataset.validation):
         raise InputError(f"training and validation {model.noun} differ in size", file=files[0])
     field = model.build(jax.random.key(config.seed), dataset, sizes)
     trained_field, curves = train(
         field,
-        training,
+        dataset.training,
         dataset.validation,
         config,
         out,
@@ -113,9 +119,7 @@ def train_field(
     card = {
         "task": model.task,
         **({"architecture": sizes} if sizes else {}),
-        "parameters": sum(
-            leaf.size for leaf in jax.tree.leaves(eqx.filter(trained_field, eqx.is_array))
-        ),
+        "parameters": _parameters(trained_field),
         "data": {**recipe, **dataset.remarks},
         "training": asdict(config) | ({"segments": segments} if segments[1:] else {}),
         **_commands(commands, recipe, config, segments),
@@ -125,6 +129,15 @@ def train_field(
     }
     save_weights(out / "field.safetensors", trained_field, card)
     return trained_field
+
+
+def _agents(data: Dataset | StoredDataset) -> int:
+    shapes = data.structure if isinstance(data, StoredDataset) else data
+    return int(shapes.mask.shape[1])
+
+
+def _parameters(field: eqx.Module) -> int:
+    return sum(leaf.size for leaf in jax.tree.leaves(eqx.filter(field, eqx.is_array)))
 
 
 def _recipe(model: AbstractModel, files: DataFiles) -> dict[str, Any]:

@@ -252,14 +252,7 @@ def _run(
 ) -> tuple[eqx.Module, list[Curve]]:
     """`train` in a folder that no other process writes to."""
     path, checkpoint_folder = folder / "config.json", folder / "checkpoints"
-    stored = read_config(path)
-    if stored is not None:
-        check_same_run(path, stored, settings)
-    elif any(checkpoint_folder.glob("*")):
-        raise InputError(
-            "does not exist, and there are checkpoints of an unknown run beside it; choose another folder",
-            file=path,
-        )
+    stored = _stored_config(path, checkpoint_folder, settings)
     run = sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()
     last_step = checkpoints.last_step(checkpoint_folder)
     segments = segments_with(path, stored, config.steps, last_step)
@@ -292,6 +285,21 @@ def _run(
             _save(folder, own_config, curves, state, run)
         on_progress(curves[-1])
     return eqx.combine(state.averaged, static), curves
+
+
+def _stored_config(
+    path: Path, checkpoint_folder: Path, settings: Mapping[str, Any]
+) -> dict[str, Any] | None:
+    """What the folder's `config.json` says of the same run; None in a folder without a run."""
+    stored = read_config(path)
+    if stored is not None:
+        check_same_run(path, stored, settings)
+    elif any(checkpoint_folder.glob("*")):
+        raise InputError(
+            "does not exist, and there are checkpoints of an unknown run beside it; choose another folder",
+            file=path,
+        )
+    return stored
 
 
 def _initial_state(
