@@ -39,7 +39,7 @@ def main():
     else:
         transport = ZenohTransport(int(number), addresses, prefix=f"test/{seed}")
     try:
-        made = run_agent(
+        result = run_agent(
             program, int(number), start, transport, faults=(agents - 1) // 2,
             timing=Timing(deadline=float(deadline), join=600.0),
             on_round=lambda one: say(**one._asdict()),
@@ -50,12 +50,12 @@ def main():
     finally:
         transport.close()
     digest = hashlib.sha256()
-    for leaf in jax.tree.leaves(made):
+    for leaf in jax.tree.leaves(result):
         digest.update(np.asarray(leaf).tobytes())
-    certificate = made.certify(GUIDANCE)
+    certificate = result.certify(GUIDANCE)
     say(
         digest=digest.hexdigest(), satisfied=certificate.satisfied,
-        stops=[str(stop) for stop in made.stops], z=made.generation.z.tolist(),
+        stops=[str(stop) for stop in result.stops], z=result.generation.z.tolist(),
         lost=[each.agent for each in certificate.generation.lost],
     )  # fmt: skip
 

@@ -79,7 +79,7 @@ def test_survivors_agree_and_lose_only_who_crashed(agents):
 def test_outside_of_the_fault_model_no_two_results_differ():
     """Outages and freezes that last longer than the deadline: agents may give up, but never disagree."""
     network = Network(outage=4.0, partitions=3, loss=0.3)
-    finished = gave_up = 0
+    ends = gave_up = 0
     for seed in range(SEEDS):
         rng = random.Random(seed)
         agents = rng.choice([3, 5, 6])
@@ -92,8 +92,8 @@ def test_outside_of_the_fault_model_no_two_results_differ():
         assert not any(isinstance(error, DisagreementError) for error in outcome.errors.values())
         logs = results(team)
         assert all(log == logs[0] for log in logs), seed
-        finished, gave_up = finished + len(logs), gave_up + len(outcome.errors)
-    assert finished > SEEDS
+        ends, gave_up = ends + len(logs), gave_up + len(outcome.errors)
+    assert ends > SEEDS
     assert gave_up > SEEDS / 4
 
 
@@ -133,12 +133,12 @@ def test_a_round_is_complete_when_all_contents_are_there():
 
 def test_another_past_is_an_error():
     """Members whose contents of a round were not the same do not go on together."""
-    honest, tampered = pair(), pair()
+    honest, traitors = pair(), pair()
     exchange(honest, [b"a" * SIZE] * 3)
-    exchange(tampered, [b"a" * SIZE, b"b" * SIZE, b"a" * SIZE])
-    tampered[1].publish(b"c" * SIZE)
+    exchange(traitors, [b"a" * SIZE, b"b" * SIZE, b"a" * SIZE])
+    traitors[1].publish(b"c" * SIZE)
     with pytest.raises(DisagreementError, match="agents 0 and 1 hold different contents"):
-        honest[0].receive(tampered[1].outbox[-1], 0.0)
+        honest[0].receive(traitors[1].outbox[-1], 0.0)
 
 
 def test_more_silent_agents_than_the_team_is_made_for():
@@ -164,11 +164,11 @@ def test_foreign_and_broken_messages_are_counted_and_dropped():
     [message] = other.outbox
     stranger = Agreement(1, 3, team=8, size=SIZE, faults=1, deadline=1.0, now=0.0)
     stranger.publish(bytes(SIZE))
-    broken = [message[:-1], message + b"\0", b"", b"x" * 60, *stranger.outbox]
-    broken += [rng.bytes(rng.integers(0, 80)) for _ in range(200)]
-    for data in broken:
+    garbage = [message[:-1], message + b"\0", b"", b"x" * 60, *stranger.outbox]
+    garbage += [rng.bytes(rng.integers(0, 80)) for _ in range(200)]
+    for data in garbage:
         assert one.receive(data, 0.0) == []
-    assert one.refused == len(broken)
+    assert one.refused == len(garbage)
 
 
 @pytest.mark.parametrize(

@@ -29,8 +29,8 @@ def test_each_part_gets_its_own_messages():
     addresses = loopback_addresses("udp", 2)
     here, there = (open_transport("udp", k, addresses) for k in range(2))
     mine, others = sorted_by(here, b"world")
-    sent = [b"world 1", b"a", b"b", b"world 2", b"world 3", b"c"]
-    for message in sent:
+    messages = [b"world 1", b"a", b"b", b"world 2", b"world 3", b"c"]
+    for message in messages:
         there.broadcast(message)
     assert [others.receive(60.0) for _ in range(3)] == [b"a", b"b", b"c"]
     assert [mine.receive(60.0) for _ in range(3)] == [b"world 1", b"world 2", b"world 3"]

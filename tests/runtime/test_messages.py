@@ -22,9 +22,9 @@ def test_a_message_is_what_was_encoded():
     rng = np.random.default_rng(0)
     layout = Layout(dim=DIM, rows=ROWS, dtype="float32")
     message = some_message(rng)
-    for sent, received in zip(message, layout.decode(layout.encode(message)), strict=True):
-        np.testing.assert_array_equal(sent, received)
-        assert sent.dtype == received.dtype
+    for value, copy in zip(message, layout.decode(layout.encode(message)), strict=True):
+        np.testing.assert_array_equal(value, copy)
+        assert value.dtype == copy.dtype
 
 
 @pytest.mark.parametrize(

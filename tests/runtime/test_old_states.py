@@ -75,10 +75,10 @@ def test_the_buffer_pays_for_the_distance_that_the_other_has_moved():
         y = buffer + RADIUS - apart
         if y <= 0 or apart < 0.2:
             continue
-        moved = z.copy()
+        nearby = z.copy()
         away = rng.normal(size=2)
-        moved[1] += error * away / np.linalg.norm(away)
-        change = np.linalg.norm(gradient(moved, 0, buffer) - gradient(z, 0, buffer))
+        nearby[1] += error * away / np.linalg.norm(away)
+        change = np.linalg.norm(gradient(nearby, 0, buffer) - gradient(z, 0, buffer))
         # On the way the distance may have been shorter by e, and the violation larger.
         assert change <= 2 * error * (1 + (y + error) / (apart - error)) + 1e-12
         assert np.isclose(np.linalg.norm(gradient(z, 0, buffer)), 2 * y)

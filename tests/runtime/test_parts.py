@@ -50,8 +50,8 @@ class Points:
     def way(self, before, after, condition):
         return jnp.linalg.norm(after - before, axis=-1)
 
-    def only(self, known, condition):
-        return condition & known
+    def only(self, mask, condition):
+        return condition & mask
 
 
 class Queues:
@@ -124,36 +124,40 @@ def test_parts_generate_what_the_batched_program_does_from_borders_alone():
     """In float64, with refused steps and lists that are made again. All that the summary holds is compared."""
     with jax.enable_x64(True):
         grid, z0, mask = np.linspace(0.0, 1.0, 13), points(1), OWNERS >= 0
-        team, transport, told = program(grid), Queues(PROCESSES), [[] for _ in range(PROCESSES)]
+        team, transport, events = program(grid), Queues(PROCESSES), [[] for _ in range(PROCESSES)]
 
         def part(number):
             exchange = Exchange(
-                number, PROCESSES, transport.of(number), Timing(deadline=60.0), told[number].append
+                number,
+                PROCESSES,
+                transport.of(number),
+                Timing(deadline=60.0),
+                events[number].append,
             )
             return run_part(team, number, OWNERS, z0, jnp.asarray(mask), exchange, patience=60.0)
 
-        made = together(part, PROCESSES)
+        results = together(part, PROCESSES)
         whole = generate(
             field, GUIDANCE, z0, jnp.asarray(mask), grid=grid, drift=AfterPrediction(Held(2)), mask=mask, keep_trace=False,
         )  # fmt: skip
-        for one in made[1:]:
-            assert jax.tree.all(jax.tree.map(np.array_equal, one.generation.summary, made[0].generation.summary))  # fmt: skip
-        got, asked = (jax.tree.leaves(one.summary) for one in (made[0].generation, whole))
-        for mine, theirs in zip(got, asked, strict=True):
+        for one in results[1:]:
+            assert jax.tree.all(jax.tree.map(np.array_equal, one.generation.summary, results[0].generation.summary))  # fmt: skip
+        one, other = (jax.tree.leaves(one.summary) for one in (results[0].generation, whole))
+        for mine, theirs in zip(one, other, strict=True):
             np.testing.assert_allclose(mine, theirs, rtol=1e-6, atol=1e-8)
-        assert made[0].certify(GUIDANCE, jnp.asarray(mask), mask=mask).satisfied
+        assert results[0].certify(GUIDANCE, jnp.asarray(mask), mask=mask).satisfied
         assert certify(whole, GUIDANCE, jnp.asarray(mask), mask=mask).satisfied
     work = whole.work
     assert work.refused_steps > 0
-    rounds = len(told[0])
+    rounds = len(events[0])
     # One round for all states at first, one for each refusal, and two at the end; the others are of new lists.
-    relisted = rounds - int(work.evaluations) - int(work.refused_steps) - 3
-    assert relisted > 0
+    new_lists = rounds - int(work.evaluations) - int(work.refused_steps) - 3
+    assert new_lists > 0
     sums, state = 12 + 4 * 8 + 2, 2 * 8
     states = [(len(message) - sums) / state for _, message in transport.sent]
-    told_states = [count for count in states if count >= 0]
-    assert np.mean(told_states) < AGENTS / PROCESSES / 2
-    assert max(told_states) > 0
+    state_counts = [count for count in states if count >= 0]
+    assert np.mean(state_counts) < AGENTS / PROCESSES / 2
+    assert max(state_counts) > 0
 
 
 def test_rounds_are_complete_although_messages_are_lost():
@@ -163,15 +167,15 @@ def test_rounds_are_complete_although_messages_are_lost():
 
     def work(number):
         exchange = Exchange(number, 3, transport.of(number), timing)
-        told = [
+        rounds = [
             exchange.swap({k: f"{number} to {k}: {turn}".encode() for k in exchange.others})
             for turn in range(30)
         ]
         exchange.finish()
-        return told
+        return rounds
 
-    for number, told in enumerate(together(work, 3)):
-        for turn, one in enumerate(told):
+    for number, rounds in enumerate(together(work, 3)):
+        for turn, one in enumerate(rounds):
             assert one == {k: f"{k} to {number}: {turn}".encode() for k in range(3) if k != number}
 
 

@@ -24,29 +24,29 @@ class Process:
         command = [sys.executable, str(SCRIPT), kind, str(number), "3", str(deadline), *addresses]
         self.popen = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         self.lines = []
-        self.told = threading.Condition()
+        self.news = threading.Condition()
         threading.Thread(target=self.read, daemon=True).start()
 
     def read(self):
         for line in self.popen.stdout:
-            with self.told:
+            with self.news:
                 self.lines.append(json.loads(line))
-                self.told.notify_all()
+                self.news.notify_all()
 
     def wait_for_round(self, number):
-        with self.told:
-            self.told.wait_for(lambda: self.lines and self.lines[-1].get("round", 0) >= number)
+        with self.news:
+            self.news.wait_for(lambda: self.lines and self.lines[-1].get("round", 0) >= number)
 
     def end(self):
         """Its exit code and the last line."""
         code = self.popen.wait()
-        with self.told:
-            self.told.wait_for(lambda: code < 0 or "round" not in self.lines[-1])
+        with self.news:
+            self.news.wait_for(lambda: code < 0 or "round" not in self.lines[-1])
         return code, self.lines[-1]
 
 
 @contextmanager
-def started(kind, agents, deadline):
+def processes(kind, agents, deadline):
     addresses = [f"{host}:{port}" for host, port in free_addresses(agents)]
     if kind == "zenoh":
         addresses = [f"tcp/{address}" for address in addresses]
@@ -76,7 +76,7 @@ def assert_same_sample(ends, lost):
 @pytest.mark.slow
 def test_processes_go_on_without_one_that_is_killed_and_one_that_is_frozen():
     """By datagrams: silence is noticed after the deadline. The frozen one wakes up to find itself left behind."""
-    with started("udp", 5, 20.0) as team:
+    with processes("udp", 5, 20.0) as team:
         team[0].wait_for_round(10)
         team[2].popen.send_signal(signal.SIGKILL)
         team[4].popen.send_signal(signal.SIGSTOP)
@@ -91,7 +91,7 @@ def test_processes_go_on_without_one_that_is_killed_and_one_that_is_frozen():
 def test_by_zenoh_a_killed_process_is_missed_at_once():
     """Its token vanishes; nobody waits for the deadline, which is longer than any test."""
     pytest.importorskip("zenoh")
-    with started("zenoh", 4, 3600.0) as team:
+    with processes("zenoh", 4, 3600.0) as team:
         team[0].wait_for_round(10)
         team[1].popen.send_signal(signal.SIGKILL)
         assert_same_sample([team[k].end() for k in (0, 2, 3)], lost=[1])

@@ -64,8 +64,8 @@ def in_lockstep(agents, tamper=lambda number, data: data, lose=()):
     for number in range(1, 1000):
         if number in lose:
             del here[lose[number]]
-            lost = frozenset({lose[number]})
-            messages = {k: agent.message_without(lost) for k, agent in here.items()}
+            leavers = frozenset({lose[number]})
+            messages = {k: agent.message_without(leavers) for k, agent in here.items()}
         contents = {k: tamper(k, data) for k, data in messages.items()}
         messages = {k: agent.next_message(contents) for k, agent in here.items()}
         if all(agent.generated is not None for agent in here.values()):
@@ -107,13 +107,13 @@ def test_a_team_generates_what_the_batched_program_does(case):
         agents = team(program, z0, condition)
         in_lockstep(agents)
         whole = generate(field, guidance, z0, condition, **settings, keep_path=True)
-        made = agents[0].generated
+        result = agents[0].generated
         for agent in agents[1:]:
-            assert_same(agent.generated, made)
-        got, asked = jax.tree.leaves(made.generation), jax.tree.leaves(whole)
-        for one, other in zip(got, asked, strict=True):
+            assert_same(agent.generated, result)
+        ours, theirs = jax.tree.leaves(result.generation), jax.tree.leaves(whole)
+        for one, other in zip(ours, theirs, strict=True):
             np.testing.assert_allclose(one, other, rtol=1e-8, atol=1e-9)
-        certificate = made.certify(guidance, condition)
+        certificate = result.certify(guidance, condition)
         same = certify(whole, guidance, condition)
     assert certificate.satisfied
     assert same.satisfied
@@ -142,20 +142,20 @@ def test_absent_agents_say_nothing():
     )
     guidance = DecoupledGuidance((apart,))
 
-    def masked(tau, z, condition):
+    def present_only(tau, z, condition):
         return jnp.where(condition[:, None], -z, 0.0)
 
     z0, condition = a_start(5), jnp.asarray(mask)
-    agents = team(TeamProgram(masked, guidance, grid=GRID), z0, condition, mask)
+    agents = team(TeamProgram(present_only, guidance, grid=GRID), z0, condition, mask)
     messages = {agent.number: agent for agent in agents}
     assert set(messages) == {0, 1, 3}
     contents = {k: agent.first_message() for k, agent in messages.items()}
     while agents[0].generated is None:
         contents = {k: agent.next_message(contents) for k, agent in messages.items()}
-    whole = generate(masked, guidance, z0, condition, grid=GRID, mask=mask)
-    made = agents[0].generated
-    np.testing.assert_allclose(made.generation.z, whole.z, atol=1e-4)
-    assert made.certify(guidance, condition, mask=mask).satisfied
+    whole = generate(present_only, guidance, z0, condition, grid=GRID, mask=mask)
+    result = agents[0].generated
+    np.testing.assert_allclose(result.generation.z, whole.z, atol=1e-4)
+    assert result.certify(guidance, condition, mask=mask).satisfied
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -170,15 +170,15 @@ def test_lost_agents_stop_where_all_know_them(seed):
         z0, condition = a_start(seed, np.float64), jnp.asarray(0.3)
         agents = team(program, z0, condition)
         in_lockstep(agents, lose=[(4, 1), (9 + seed, 3)])
-        made = agents[0].generated
-        assert_same(agents[2].generated, made)
-        assert np.isfinite(made.stops).tolist() == [False, True, False, True]
-        whole = generate(field, BOTH, z0, condition, grid=grid, stops=made.stops)
-        np.testing.assert_allclose(made.generation.z, whole.z, atol=1e-6)
-        assert made.generation.work == jax.tree.map(np.asarray, whole.work)
-        certificate = made.certify(BOTH, condition, agents=["a", "b", "c", "d"])
-    named = [(each.agent, each.tau) for each in certificate.generation.lost]
-    assert named == [("b", made.stops[1]), ("d", made.stops[3])]
+        result = agents[0].generated
+        assert_same(agents[2].generated, result)
+        assert np.isfinite(result.stops).tolist() == [False, True, False, True]
+        whole = generate(field, BOTH, z0, condition, grid=grid, stops=result.stops)
+        np.testing.assert_allclose(result.generation.z, whole.z, atol=1e-6)
+        assert result.generation.work == jax.tree.map(np.asarray, whole.work)
+        certificate = result.certify(BOTH, condition, agents=["a", "b", "c", "d"])
+    losses = [(each.agent, each.tau) for each in certificate.generation.lost]
+    assert losses == [("b", result.stops[1]), ("d", result.stops[3])]
     assert "lost: b at tau = " in certificate.table()
     assert [each["agent"] for each in certificate.to_json()["generation"]["lost"]] == ["b", "d"]
 
@@ -193,13 +193,13 @@ def test_agents_that_were_lost_before_stay_where_they_begin(program):
     contents = {agent.number: agent.first_message() for agent in agents}
     while agents[0].generated is None:
         contents = {agent.number: agent.next_message(contents) for agent in agents}
-    made, stops = agents[0].generated, np.array([np.inf, np.inf, -1, np.inf], np.float32)
+    result, stops = agents[0].generated, np.array([np.inf, np.inf, -1, np.inf], np.float32)
     whole = generate(
         field, BOTH, a_start(1), CONDITION, grid=GRID, drift=program.drift, stops=stops
     )
-    np.testing.assert_allclose(made.generation.z, whole.z, atol=1e-4)
-    np.testing.assert_array_equal(made.generation.z[2], a_start(1)[2])
-    assert [each.tau for each in made.certify(BOTH, CONDITION).generation.lost] == [0.0]
+    np.testing.assert_allclose(result.generation.z, whole.z, atol=1e-4)
+    np.testing.assert_array_equal(result.generation.z[2], a_start(1)[2])
+    assert [each.tau for each in result.certify(BOTH, CONDITION).generation.lost] == [0.0]
 
 
 def test_who_is_lost_after_the_end_took_part_to_the_end():
@@ -233,15 +233,15 @@ def test_an_agent_needs_nobody_elses_drift():
     start = PROGRAM.start(a_start(2), CONDITION)
 
     def own(number):
-        def poisoned(tau, z, condition):
+        def own_field(tau, z, condition):
             mine = jnp.arange(AGENTS)[:, None] == number
             return jnp.where(mine, field(tau, z, condition), jnp.nan)
 
-        return Agent(TeamProgram(poisoned, BOTH, grid=GRID), number, start)
+        return Agent(TeamProgram(own_field, BOTH, grid=GRID), number, start)
 
-    plain, poisoned = team(PROGRAM, a_start(2), CONDITION), [own(k) for k in range(AGENTS)]
-    assert in_lockstep(plain) == in_lockstep(poisoned)
-    for one, other in zip(plain, poisoned, strict=True):
+    plain, loners = team(PROGRAM, a_start(2), CONDITION), [own(k) for k in range(AGENTS)]
+    assert in_lockstep(plain) == in_lockstep(loners)
+    for one, other in zip(plain, loners, strict=True):
         np.testing.assert_allclose(
             one.generated.generation.z, other.generated.generation.z, atol=1e-5
         )
@@ -272,8 +272,8 @@ def test_one_agent_that_finds_a_value_above_its_limit_makes_all_refuse():
     for agent in strict[1:]:
         assert_same(agent.generated, strict[0].generated)
     work = strict[0].generated.generation.work
-    repeated = rounds - work.evaluations
-    assert repeated > of_plain - plain[0].generated.generation.work.evaluations
+    repeats = rounds - work.evaluations
+    assert repeats > of_plain - plain[0].generated.generation.work.evaluations
     assert len(strict[1]._program.refused) > 0
 
 
