@@ -22,6 +22,8 @@ def check_shapes(package):
 
 check_shapes("deggflow")
 jax.config.update("jax_numpy_rank_promotion", "raise")
+# Tracing makes many objects that live on: looking for garbage after every 700 of them takes up to a tenth of the time.
+gc.set_threshold(100_000, 20, 50)
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -47,7 +49,7 @@ def key():
     return jax.random.key(0)
 
 
-PIECES = 20_000  # of memory; a process may have 65,530 by Linux's default
+PIECES = 35_000  # of memory; a process may have 65,530 by Linux's default, and a module takes up to 10,000
 
 
 @pytest.fixture(autouse=True, scope="module")

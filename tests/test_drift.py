@@ -1,12 +1,14 @@
 """Drifts that evaluate the field less often than guidance: their order, their guarantees, and how often the field is called."""
 
 import itertools
+from functools import cache
 
-import diffrax
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -40,6 +42,28 @@ def smooth(tau, z, condition):
     return jnp.tanh(z @ MATRIX.T) + jnp.sin(3 * tau)
 
 
+def smooth_64(tau, z):
+    """The same in NumPy, whose programs need not be compiled."""
+    return np.tanh(z @ np.asarray(MATRIX, np.float64).T) + np.sin(3 * tau)
+
+
+def solution(slope, begin, end, z, points=None, tolerance=1e-12):
+    """Of dz/dtau = slope(tau, z), by SciPy: at the end, or at some points."""
+    solved = scipy.integrate.solve_ivp(
+        lambda tau, flat: slope(tau, flat.reshape(z.shape)).ravel(),
+        (begin, end), z.ravel(), "DOP853", points, rtol=tolerance, atol=tolerance,
+    )  # fmt: skip
+    return solved.y.T.reshape(-1, *z.shape)
+
+
+@cache
+def smooth_problem():
+    """A start, and where the smooth field carries it."""
+    with jax.enable_x64(True):
+        z0 = np.asarray(jax.random.normal(jax.random.key(0), (AGENTS, 2)))
+    return z0, solution(smooth_64, 0.0, 1.0, z0)[-1]
+
+
 def margins(z, condition):
     """Agents keep 1.0 apart."""
     offset = z[:, None] - z[None] + 10.0 * jnp.eye(AGENTS)[..., None]
@@ -64,10 +88,14 @@ def endpoint_3(evaluations, power):
     return ExtrapolatedEndpoint(evaluations, 3, power)
 
 
+compiled_generate = eqx.filter_jit(generate)
+compiled_batch = eqx.filter_jit(generate_batch)
+
+
 def nominal_end(drift, z0, steps=150, solver=EULER):
     grid = refined_grid(steps)
     return np.asarray(
-        generate(smooth, NoGuidance(), z0, None, grid=grid, drift=drift, solver=solver).z
+        compiled_generate(smooth, NoGuidance(), z0, None, grid=grid, drift=drift, solver=solver).z
     )
 
 
@@ -93,16 +121,11 @@ def nominal_end(drift, z0, steps=150, solver=EULER):
         "predicted",
     ],
 )
-def test_the_nominal_part_has_its_order(make, order, power, key):
+def test_the_nominal_part_has_its_order(make, order, power):
+    z0, exact = smooth_problem()
     with jax.enable_x64(True):
-        z0 = jnp.asarray(np.asarray(jax.random.normal(key, (AGENTS, 2))), jnp.float64)
-        exact = diffrax.diffeqsolve(
-            diffrax.ODETerm(lambda t, y, args: smooth(t, y, None)),
-            diffrax.Dopri8(), 0.0, 1.0, 0.01, z0,
-            stepsize_controller=diffrax.PIDController(rtol=1e-12, atol=1e-12),
-        ).ys[-1]  # fmt: skip
         errors = [
-            np.abs(nominal_end(make(evaluations, power), z0) - np.asarray(exact)).max()
+            np.abs(nominal_end(make(evaluations, power), z0) - exact).max()
             for evaluations in (32, 64, 128)
         ]
     slope = np.log2(errors[0] / errors[2]) / 2
@@ -118,7 +141,7 @@ def test_the_nominal_part_is_adams_and_bashforth_s_on_any_grid_and_scheme(key):
     tau, z, before = macro_grid(8), start, None
     with jax.enable_x64(True):
         for begin, end in itertools.pairwise(tau):
-            h, f = end - begin, np.asarray(smooth(begin, jnp.asarray(z), None))
+            h, f = end - begin, smooth_64(begin, z)
             if before is None:
                 step = h * f
             else:
@@ -130,36 +153,31 @@ def test_the_nominal_part_is_adams_and_bashforth_s_on_any_grid_and_scheme(key):
 
 
 @pytest.mark.parametrize("order", [2, 3])
-def test_an_extrapolated_endpoint_is_reached_by_the_exact_solution(order, key):
-    """dz/dtau = (x1(tau) - z) / (1 - tau) with the polynomial through the last endpoints, by Diffrax."""
+def test_an_extrapolated_endpoint_is_reached_by_the_exact_solution(order):
+    """dz/dtau = (x1(tau) - z) / (1 - tau) with the polynomial through the last endpoints, by SciPy."""
+    z, _ = smooth_problem()
     with jax.enable_x64(True):
-        z = jnp.asarray(np.asarray(jax.random.normal(key, (AGENTS, 2))), jnp.float64)
-        ours = generate(
+        ours = compiled_generate(
             smooth, NoGuidance(), z, None, grid=refined_grid(60), keep_path=True,
             drift=ExtrapolatedEndpoint(5, order, 1.5),
         )  # fmt: skip
-        grid, tau, known = np.asarray(ours.trace.tau), macro_grid(5, 1.5), []
-        for begin, end in itertools.pairwise(tau):
-            known = [*known, (begin, z + (1 - begin) * smooth(begin, z, None))][-order:]
-            powers = np.polyfit(
-                [t for t, _ in known], [x.ravel() for _, x in known], len(known) - 1
-            )
+    grid, tau, known = np.asarray(ours.trace.tau), macro_grid(5, 1.5), []
+    for begin, end in itertools.pairwise(tau):
+        known = [*known, (begin, z + (1 - begin) * smooth_64(begin, z))][-order:]
+        powers = np.polyfit([t for t, _ in known], [x.ravel() for _, x in known], len(known) - 1)
 
-            def slope(t, y, powers):
-                return (jnp.polyval(powers, t).reshape(y.shape) - y) / (1 - t)
+        def slope(tau, z, powers=powers):
+            endpoint = sum(each * tau**power for power, each in enumerate(powers[::-1]))
+            return (endpoint.reshape(z.shape) - z) / (1 - tau)
 
-            points = grid[(grid > begin) & (grid <= min(end, 1 - 1e-9))]
-            found = diffrax.diffeqsolve(
-                diffrax.ODETerm(slope), diffrax.Dopri8(), begin, points[-1], 1e-3, z, jnp.asarray(powers),
-                stepsize_controller=diffrax.PIDController(rtol=1e-11, atol=1e-11),
-                saveat=diffrax.SaveAt(ts=points),
-            ).ys  # fmt: skip
-            np.testing.assert_allclose(
-                ours.path[np.searchsorted(grid, points)], found, rtol=1e-8, atol=1e-8
-            )
-            z = found[-1]
-        # The exact solution ends at the endpoint that is extrapolated to tau = 1.
-        np.testing.assert_allclose(ours.z, jnp.polyval(powers, 1.0).reshape(z.shape), atol=1e-8)
+        points = grid[(grid > begin) & (grid <= min(end, 1 - 1e-9))]
+        path = solution(slope, begin, points[-1], z, points, 1e-11)
+        np.testing.assert_allclose(
+            ours.path[np.searchsorted(grid, points)], path, rtol=1e-8, atol=1e-8
+        )
+        z = path[-1]
+    # The exact solution ends at the endpoint that is extrapolated to tau = 1.
+    np.testing.assert_allclose(ours.z, powers.sum(axis=0).reshape(z.shape), atol=1e-8)
 
 
 def test_a_field_that_always_predicts_one_endpoint_is_followed_exactly(key):
@@ -171,7 +189,7 @@ def test_a_field_that_always_predicts_one_endpoint_is_followed_exactly(key):
     z0 = jax.random.normal(key, (AGENTS, 2))
     for evaluations in (1, 4, 16):
         drift = ExtrapolatedEndpoint(evaluations)
-        made = generate(straight, NoGuidance(), z0, None, drift=drift, keep_path=True)
+        made = compiled_generate(straight, NoGuidance(), z0, None, drift=drift, keep_path=True)
         tau = np.asarray(made.trace.tau)[:, None, None]
         line = (1 - tau) * np.asarray(z0) + tau * np.asarray(target)
         np.testing.assert_allclose(made.path, line, atol=2e-6)
@@ -340,8 +358,8 @@ def test_the_field_is_called_once_for_each_evaluation(drift, guard):
 def test_every_step_is_the_default_and_counts_every_evaluation():
     z0 = jnp.asarray(np.random.default_rng(1).normal(size=(AGENTS, 2)), jnp.float32)
     for solver, stages in ((EULER, 1), (HEUN, 2)):
-        given = generate(crowd, MIXED, z0, jnp.eye(2), solver=solver, drift=EveryStep())
-        default = generate(crowd, MIXED, z0, jnp.eye(2), solver=solver)
+        given = compiled_generate(crowd, MIXED, z0, jnp.eye(2), solver=solver, drift=EveryStep())
+        default = compiled_generate(crowd, MIXED, z0, jnp.eye(2), solver=solver)
         for one, other in zip(jax.tree.leaves(given), jax.tree.leaves(default), strict=True):
             np.testing.assert_array_equal(one, other)
         assert int(given.work.field_evaluations) == stages * int(given.work.evaluations)
@@ -355,7 +373,7 @@ def test_the_grid_may_be_an_argument_of_the_program():
 
     with jax.enable_x64(True):  # in float32 the two programs round apart
         z0, grid = jnp.asarray(z0, jnp.float64), refined_grid(30)
-        given, wanted = jax.jit(run)(grid), run(grid)
+        given, wanted = jax.jit(run)(grid), jax.jit(lambda: run(grid))()
     np.testing.assert_array_equal(np.isin(macro_grid(6), given.trace.tau), True)
     np.testing.assert_allclose(given.z, wanted.z, atol=1e-4)
 
@@ -364,6 +382,7 @@ def test_fixed_steps_have_a_gradient():
     with jax.enable_x64(True):
         z0 = jnp.asarray(np.random.default_rng(1).normal(size=(AGENTS, 2)))
 
+        @jax.jit
         def end(z0):
             out = generate(
                 smooth, NoGuidance(), z0, None, drift=Extrapolated(6), guard=None,
@@ -371,7 +390,7 @@ def test_fixed_steps_have_a_gradient():
             )  # fmt: skip
             return jnp.sum(out.z**2)
 
-        gradient, eps = np.asarray(jax.grad(end)(z0)), 1e-6
+        gradient, eps = np.asarray(jax.jit(jax.grad(end))(z0)), 1e-6
         ahead = jnp.zeros_like(z0).at[1, 0].set(eps)
         slope = (end(z0 + ahead) - end(z0 - ahead)) / (2 * eps)
     assert gradient[1, 0] == pytest.approx(float(slope), rel=1e-6)
@@ -384,8 +403,8 @@ def test_after_a_prediction_guidance_moves_only_what_violates_a_requirement(guar
     prediction = ExtrapolatedEndpoint(8)
     guidance = DecoupledGuidance((APART,))
     with jax.enable_x64(True):
-        nominal = generate_batch(crowd, NoGuidance(), z0, jnp.asarray(swirl), drift=prediction).z
-        made = generate_batch(
+        nominal = compiled_batch(crowd, NoGuidance(), z0, jnp.asarray(swirl), drift=prediction).z
+        made = compiled_batch(
             crowd, guidance, z0, jnp.asarray(swirl), drift=AfterPrediction(prediction),
             guard=guard, keep_path=True,
         )  # fmt: skip
@@ -404,7 +423,7 @@ def test_after_a_prediction_guidance_moves_only_what_violates_a_requirement(guar
 def test_stops_after_a_prediction_count_on_the_clock_of_the_guidance():
     z0 = 0.1 * jnp.asarray(np.random.default_rng(1).normal(size=(AGENTS, 2)), jnp.float32)
     drift = AfterPrediction(Held(4))
-    made = generate(
+    made = compiled_generate(
         crowd, DecoupledGuidance((APART,)), z0, jnp.eye(2), drift=drift, keep_path=True,
         stops=jnp.array([0.0, 0.5, 2.0]), mask=jnp.array([True, True, False]),
     )  # fmt: skip
@@ -428,7 +447,9 @@ def test_a_one_step_model_is_guided_with_one_evaluation():
         mean_velocity, (APART,), key=jax.random.key(0), count=16, shape=(AGENTS, 2), drift=Held(1)
     )
     assert result.satisfied.all()
-    nominal = generate(mean_velocity, NoGuidance(), jnp.ones((AGENTS, 2)), None, drift=Held(1))
+    nominal = compiled_generate(
+        mean_velocity, NoGuidance(), jnp.ones((AGENTS, 2)), None, drift=Held(1)
+    )
     np.testing.assert_allclose(nominal.z, target, atol=1e-5)
 
 
@@ -436,12 +457,12 @@ def test_an_infinite_field_is_reported():
     def broken(tau, z, condition):
         return jnp.where(tau > 0.5, jnp.nan, -z)
 
-    out = generate(broken, MIXED, jnp.ones((AGENTS, 2)), jnp.eye(2), drift=Extrapolated(4))
+    out = compiled_generate(broken, MIXED, jnp.ones((AGENTS, 2)), jnp.eye(2), drift=Extrapolated(4))
     assert not out.summary.hypotheses_hold
     assert np.all(np.asarray(out.summary.nan.drift) > 0.5)
     assert np.all(np.asarray(out.summary.nan.drift) < 0.7)
     after = AfterPrediction(Extrapolated(4))
-    out = generate(broken, MIXED, jnp.ones((AGENTS, 2)), jnp.eye(2), drift=after)
+    out = compiled_generate(broken, MIXED, jnp.ones((AGENTS, 2)), jnp.eye(2), drift=after)
     assert not out.summary.hypotheses_hold
     np.testing.assert_array_equal(out.summary.nan.drift, 0.0)
 

@@ -238,12 +238,16 @@ def compiled(box=None):
     return jax.jit(jax.vmap(lambda ell, b: min_norm_input(ell, b, box=box)))
 
 
+BATCH = 100  # instances at once, so that each shape is compiled once
+
+
 def solve_all(ell, b, dtype, box=None):
     """Instances of one shape, in the precision that is asked for."""
+    index = np.resize(np.arange(len(ell)), BATCH)
     with jax.enable_x64(dtype == np.float64):
-        out = compiled(box)(jnp.asarray(ell, dtype), jnp.asarray(b, dtype))
+        out = compiled(box)(jnp.asarray(ell[index], dtype), jnp.asarray(b[index], dtype))
     assert out.u.dtype == dtype
-    return np.asarray(out.u), np.asarray(out.feasible)
+    return np.asarray(out.u)[: len(ell)], np.asarray(out.feasible)[: len(ell)]
 
 
 def violation(ell, b, u):

@@ -138,7 +138,7 @@ def caught_pairs():
         place = row * rng.uniform(0.3, 1.0) + rng.normal(scale=0.02, size=2)
         conditions.append(SceneCondition((owner, obstacle)))
         poses.append(np.array([[0.0, 0.0, 0.0], [*place, rng.uniform(-math.pi, math.pi)]]))
-    return jax.tree.map(jnp.asarray, padded(conditions, poses, 6))
+    return jax.tree.map(jnp.asarray, padded(conditions, poses, 2))
 
 
 def test_what_is_caught_between_an_object_and_its_regions_is_led_out():
@@ -266,8 +266,8 @@ def test_value_and_gradient_of_a_batch_are_those_of_its_scenes():
         )
 
     wanted = jax.jit(jax.vmap(plain))(z, arrays)
-    for run in (jax.vmap(and_gradient), partial(_one_by_one, and_gradient)):
-        got = jax.jit(run)(z, arrays)
+    for run in (jax.jit(jax.vmap(and_gradient)), partial(_one_by_one, jax.jit(and_gradient))):
+        got = run(z, arrays)
         np.testing.assert_allclose(got[0], wanted[0], rtol=1e-5, atol=1e-8)
         np.testing.assert_allclose(got[1], wanted[1], rtol=1e-4, atol=1e-6)
     assert float(jnp.sum(wanted[0])) > 0.1
