@@ -59,7 +59,7 @@ test-matrix:
 	@VERSIONS="$(VERSIONS)" EXTRA="$(EXTRA)" tests/matrix.sh $(ARGS)
 
 release-check: $(VENV)/.release
-	@PYTHON=$(PYTHON) RELEASE=$(BIN)/python tests/release_check.sh
+	@XLA_FLAGS="$(XLA_FLAGS)" PYTHON=$(PYTHON) RELEASE=$(BIN)/python tests/release_check.sh
 
 bench: $(VENV)/.bench
 	@$(BIN)/python benchmarks/run.py $(ARGS)
