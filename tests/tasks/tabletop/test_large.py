@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from deggflow import Extrapolated
+from deggflow.runtime.part import within_links
 from deggflow.tasks.tabletop.changes import random_conditions, random_table
 from deggflow.tasks.tabletop.codec import decode as decode_scene
 from deggflow.tasks.tabletop.condition import SceneCondition, take
@@ -36,6 +37,7 @@ from deggflow.tasks.tabletop.large.condition import (
 from deggflow.tasks.tabletop.large.condition import to_arrays as numpy_arrays
 from deggflow.tasks.tabletop.large.field import FADE, large_scene_field
 from deggflow.tasks.tabletop.large.margins import LargeSceneMargins
+from deggflow.tasks.tabletop.large.parts import ObjectNeighbourhood
 from deggflow.tasks.tabletop.library import numbered
 from deggflow.tasks.tabletop.margins import TABLETOP
 from deggflow.tasks.tabletop.oracle import least_margin, refutes
@@ -174,6 +176,35 @@ def test_the_field_does_not_jump_as_a_neighbour_leaves():
     before, after = push(0.6999), push(0.7001)
     np.testing.assert_allclose(before, after, atol=1e-4)
     assert float(jnp.abs(push(0.3) - after).max()) > 1e-3
+
+
+def test_rows_need_the_states_within_three_links_of_a_list_made_before_all_moved_by_half_the_skin():
+    """All other objects are forgotten; a list made without the skin would not do."""
+    condition, near = large(60), ObjectNeighbourhood(SLOTS)
+    given, guidance = to_arrays(condition), large_scene_guidance(SLOTS)
+    before = jnp.asarray(states(condition))
+    rng = np.random.default_rng(1)
+    towards = jnp.asarray(rng.normal(size=before.shape), jnp.float32)
+    size = near.skin / 2 / jax.jit(near.way)(before, before + towards, given)
+    after = before + 0.99 * size[:, None] * towards
+    pairs, complete = jax.jit(near.pairs)(before, given)
+    assert bool(complete)
+    state = jax.jit(guidance.init)(after, given, given.mask)
+
+    @jax.jit
+    def rows(z, condition, known):
+        return guidance.rows(state, jnp.float32(0.5), z, jnp.zeros_like(z), condition, known)
+
+    whole = rows(after, given, given.mask)
+    assert int(jnp.sum(whole.b > 0)) > 30
+    for first in range(0, 60, 6):
+        own = np.arange(len(before)) // 6 == first // 6
+        known = jnp.asarray(within_links(pairs, own))
+        part = rows(jnp.where(known[:, None], after, 0.0), near.only(known, given), known)
+        assert int(jnp.sum(known)) < len(condition.objects)
+        for name in ("ell", "b", "contribution"):
+            mine, theirs = (np.asarray(getattr(each, name))[:, own] for each in (part, whole))
+            np.testing.assert_allclose(mine, theirs, rtol=1e-4, atol=1e-6)
 
 
 def test_a_list_that_is_too_short_gives_no_number():
