@@ -20,6 +20,7 @@ from deggflow import (
 )
 from deggflow.guidance import Local, Pairs, Pooled
 from deggflow.runtime import Exchange, PartProgram, TeamError, Timing, owners_of, run_part
+from deggflow.runtime.part import within_links
 from deggflow.step_guard import StepGuard
 
 AGENTS, PROCESSES = 16, 4
@@ -158,6 +159,13 @@ def test_parts_generate_what_the_batched_program_does_from_borders_alone():
     state_counts = [count for count in states if count >= 0]
     assert np.mean(state_counts) < AGENTS / PROCESSES / 2
     assert max(state_counts) > 0
+
+
+def test_three_links_of_a_chain_in_both_directions():
+    one, other = jnp.arange(7), jnp.arange(7) + 1
+    pairs = Pairs(one, other, one != 5)  # 5 and 6 are not linked
+    for some, near in ((0, [0, 1, 2, 3]), (4, [1, 2, 3, 4, 5]), (7, [6, 7])):
+        assert np.flatnonzero(within_links(pairs, np.arange(8) == some)).tolist() == near
 
 
 def test_rounds_are_complete_although_messages_are_lost():
