@@ -52,17 +52,17 @@ def evaluated(name):
     def one(z, condition):
         judged, masked = requirement._judged(None), requirement._judged(jnp.asarray(PRESENT))
         moved = jnp.where(PRESENT[:, None], z, 3.0 * z + 0.1)
-        v = [
-            jnp.sum(judged.violation(z + sign * STEP * along(case), condition, buffer))
-            for sign in (1, -1)
-        ]
+        aside = STEP * along(case)
+        # Mapped over both states, a function is traced and compiled once.
+        v = jax.vmap(lambda z: jnp.sum(judged.violation(z, condition, buffer)))
+        m = jax.vmap(lambda z: masked(z, condition))
         return Evaluated(
             judged(z, condition),
             *judged.violation_and_gradient(z, condition, buffer),
             jax.jacrev(lambda z: judged.violation(z, condition, buffer))(z),
             judged.dependence(z, condition, buffer),
-            *v,
-            *(masked(each, condition) for each in (z, moved)),
+            *v(jnp.stack([z + aside, z - aside])),
+            *m(jnp.stack([z, moved])),
         )
 
     with jax.enable_x64(True):
