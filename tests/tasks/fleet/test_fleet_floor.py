@@ -106,7 +106,7 @@ def test_routes_lead_around_long_walls():
     starts, goals = random_scheme(WALLS, 12, rng)
     robots = tuple(Robot(tuple(a), tuple(b)) for a, b in zip(starts, goals, strict=True))
     condition = FleetCondition(WALLS, robots)
-    paths = routes(condition, range(12), rng)
+    (paths,) = routes(condition, range(12), rng, 1)
     np.testing.assert_allclose(paths[:, 0], starts)
     np.testing.assert_allclose(paths[:, -1], goals)
     walls = [box(-0.5, -0.4, -0.4, 0.8), Point(0.5, -0.1).buffer(0.2), box(0.0, -0.8, 0.1, 0.4)]

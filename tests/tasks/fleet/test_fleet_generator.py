@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from shapely import LineString
 
 from deggflow import requirements as req
 from deggflow.tasks.fleet.condition import FleetCondition, Robot, to_arrays
@@ -14,7 +15,8 @@ from deggflow.tasks.fleet.modes import choose
 from deggflow.tasks.fleet.options import FleetFieldOptions
 from deggflow.tasks.fleet.oracle import refutes
 from deggflow.tasks.fleet.paths import exact_path
-from deggflow.tasks.fleet.requirements import LAYOUT, plan_requirement
+from deggflow.tasks.fleet.requirements import BUFFER, LAYOUT, plan_requirement
+from deggflow.tasks.fleet.timing import PACE, SHIFTS, timed
 from deggflow.tasks.fleet.verdict import judge
 
 SPREAD = 0.3
@@ -63,14 +65,32 @@ def test_noise_of_a_robot_is_its_own():
 
 
 def test_best_responses_settle_where_nobody_gains():
-    rng = np.random.default_rng(0)
-    pairs = rng.uniform(0, 1, (5, 4, 5, 4))
-    pairs = (pairs + pairs.transpose(2, 3, 0, 1)) / 2
-    pairs[np.arange(5), :, np.arange(5)] = 0
-    own = rng.uniform(0, 1, (5, 4))
-    chosen = np.asarray(choose(jnp.asarray(own), jnp.asarray(pairs)))
-    costs = own + sum(pairs[:, :, j, chosen[j]] for j in range(5))
+    rng, reach = np.random.default_rng(0), jnp.asarray(0.6)
+    paths = rng.uniform(-1, 1, (5, 4, 64, 2)).astype(np.float32)
+    own = rng.uniform(0, 1e4, (5, 4))
+    chosen = np.asarray(choose(jnp.asarray(own), jnp.asarray(paths), reach, jnp.ones(5, bool)))
+    gap = np.linalg.norm(paths[:, :, None, None] - paths[None, None], axis=-1)
+    pairs = np.sum(np.maximum(0.6 - gap, 0) ** 2, axis=-1) / BUFFER**2
+    others = [[j for j in range(5) if j != k] for k in range(5)]
+    costs = own + [sum(pairs[k, :, j, chosen[j]] for j in others[k]) for k in range(5)]
     assert (np.argmin(costs, axis=1) == chosen).all()
+    assert (np.argmin(own, axis=1) != chosen).any()
+
+
+def test_timings_stay_on_the_way_and_within_the_pace():
+    (condition,) = random_conditions(3, 1, "empty", "random", seed=5)
+    arrays = jax.tree.map(lambda leaf: leaf[0], to_arrays([condition]))
+    z = 0.2 * np.random.default_rng(0).normal(size=(2, 3, 124)) / np.arange(1, 63).repeat(2)
+    every = np.asarray(timed(jnp.asarray(z, jnp.float32), arrays))
+    np.testing.assert_allclose(every[0], z, rtol=1e-6)
+    ways = [exact_path(own, condition.starts, condition.goals) for own in every[:, 0]]
+    step = np.linalg.norm(np.diff(ways, axis=2), axis=-1).max(-1)
+    assert (step[1:] < np.maximum(step[0], PACE * condition.speed_limit) + 1e-5).all()
+    for shift, way in zip(SHIFTS[1:], ways[1:], strict=True):
+        waits = np.linalg.norm(np.diff(way, axis=1), axis=-1) < 1e-5
+        assert waits[:, :6].all() if shift > 0 else waits[:, -6:].all()
+        for robot, plain in zip(way, ways[0], strict=True):
+            assert LineString(plain).hausdorff_distance(LineString(robot)) < 0.02
 
 
 @pytest.mark.parametrize("name", ["conveyor", "dense"])
@@ -81,7 +101,7 @@ def test_guidance_sees_what_the_verdict_sees(name):
     arrays, of = to_arrays(conditions), crowding(conditions)
     z = (0.05 * rng.normal(size=(40, 3, 124))).astype(np.float32)
     plan = plan_requirement(of)
-    everything = plan_requirement(type(of)(16, polygons=False))
+    everything = plan_requirement(type(of)(16, polygons=False, round=False))
 
     def values(requirement):
         return np.asarray(jax.vmap(requirement.violation)(jnp.asarray(z), arrays, arrays.mask))

@@ -7,6 +7,7 @@ import numpy as np
 from .condition import FleetCondition, solids
 from .requirements import BUFFER, Crowding
 
+FEW = 16  # discs, of which all are looked at
 ROOM = 0.001  # map units, for the smoothing of distances and rounding
 
 
@@ -19,9 +20,9 @@ def crowding(conditions: Sequence[FleetCondition]) -> Crowding:
     Example:
         >>> from .condition import Robot
         >>> crowding([FleetCondition("conveyor", (Robot((-0.8, 0.0), (0.8, 0.0)),), speed_limit=0.1)])
-        Crowding(nearest=1, polygons=False)
+        Crowding(nearest=1, polygons=False, round=False)
     """
-    most, polygons = 0, False
+    most, polygons, few_discs = 0, False, True
     for key in {(c.map, c.radius, c.speed_limit): c for c in conditions}.values():
         rows = solids(key.floor)
         polygons = polygons or bool(key.floor.polygons)
@@ -31,6 +32,7 @@ def crowding(conditions: Sequence[FleetCondition]) -> Crowding:
         gap = (
             np.abs(rows[:, None, :2] - rows[None, :, :2]) - rows[:, None, 2:4] - rows[None, :, 2:4]
         )
+        few_discs = few_discs and not key.floor.boxes and len(rows) <= FEW
         apart = np.linalg.norm(np.maximum(gap, 0.0), axis=-1) - rows[:, None, 4] - rows[None, :, 4]
         most = max(most, int((apart < 2 * reach).sum(1).max()))
-    return Crowding(most, polygons)
+    return Crowding(most, polygons, few_discs and most > 0)

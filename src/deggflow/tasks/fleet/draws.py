@@ -17,6 +17,7 @@ from deggflow.step_guard import StepGuard
 from .condition import FleetArrays
 from .modes import best_response
 from .requirements import Crowding
+from .timing import timed
 
 Noise = Float[Array, "samples candidates agents dim"]
 
@@ -28,14 +29,14 @@ class Draw(NamedTuple):
         arrays: Conditions.
         kept: States of robots that keep their path from the draw before.
         keeps: Which robots do.
-        route: A short way of each robot on its own roadmap, one more candidate.
-        handicap: Added to the cost of this candidate: how much more the field's own paths may cost.
+        routes: Short ways of each robot on its own roadmap, candidates beside the field's paths.
+        handicap: Added to the cost of these candidates: how much more the field's own paths may cost.
     """
 
     arrays: FleetArrays
     kept: States
     keeps: Bool[Array, " agents"]
-    route: States
+    routes: Float[Array, "routes agents dim"]
     handicap: Float[Array, " agents"]
 
     @property
@@ -61,7 +62,7 @@ def predictions(
 
 
 class ChosenThenGuided:
-    """A program for `Sampler`: nominal plans and routes, each robot's choice among them, guidance from there."""
+    """A program for `Sampler`: nominal plans and routes, each robot's choice of path and timing, guidance from there."""
 
     def __init__(self, crowding: Crowding) -> None:
         """Args: crowding: of the conditions."""
@@ -82,9 +83,10 @@ class ChosenThenGuided:
 
         def start(noise: Float[Array, "candidates agents dim"], draw: Draw) -> States:
             nominal = predictions(field, drift, noise, draw)
-            paths = jnp.concatenate([nominal, draw.route[None]])
-            paths = jnp.where(draw.keeps[None, :, None], draw.kept[None], paths)
-            handicaps = jnp.zeros((len(paths), len(draw.handicap))).at[-1].set(draw.handicap)
+            paths = timed(jnp.concatenate([nominal, draw.routes]), draw.arrays)
+            paths = jnp.where(draw.keeps[None, None, :, None], draw.kept[None, None], paths)
+            handicaps = jnp.zeros(paths.shape[:3]).at[:, len(nominal) :].set(draw.handicap[None, None])
+            paths, handicaps = (each.reshape(-1, *each.shape[2:]) for each in (paths, handicaps))
             return best_response(paths, draw.arrays, self.crowding, handicaps)
 
         z0 = jax.vmap(start)(noise, draws)

@@ -32,7 +32,8 @@ from .verdict import Verdict, judge
 STEPS = 100
 GUARD = StepGuard(halvings=2)
 ANEW = 4  # every so many draws, all robots draw new paths
-HANDICAP = 60.0  # of a robot's route, in V over the square of its buffer
+ROUTES = 3  # short ways of each robot
+HANDICAP = 20.0  # of these ways, in V over the square of its buffer
 NEVER = 1e9  # handicap of what is not chosen
 MAX_COORDINATE = 1e4  # map units; states beyond have diverged, and are not stored in files
 
@@ -61,20 +62,21 @@ class Starts(NamedTuple):
     Attributes:
         kept: States.
         keeps: Which robots keep theirs.
-        route: A short way of each robot.
-        handicap: Of this way, in V over the square of its buffer.
+        routes: Short ways of each robot.
+        handicap: Of these ways, in V over the square of its buffer.
     """
 
     kept: Float[np.ndarray, "plans agents dim"]
     keeps: Bool[np.ndarray, "plans agents"]
-    route: Float[np.ndarray, "plans agents dim"]
+    routes: Float[np.ndarray, "plans routes agents dim"]
     handicap: Float[np.ndarray, "plans agents"]
 
     @classmethod
     def none(cls, plans: int, agents: int) -> "Starts":
-        """Nothing: robots keep no path, and no route is chosen."""
+        """Nothing: robots keep no path, and no short way is chosen."""
         z, false = np.zeros((plans, agents, DIM), np.float32), np.zeros((plans, agents), bool)
-        return cls(z, false, z, np.full((plans, agents), NEVER, np.float32))
+        routes = np.zeros((plans, ROUTES, agents, DIM), np.float32)
+        return cls(z, false, routes, np.full((plans, agents), NEVER, np.float32))
 
 
 def initial_noise(
@@ -160,9 +162,9 @@ class FleetGenerator:
     ) -> list[Plan]:
         """Plans with certificates. Where a draw fails, robots that miss a requirement draw again, the others keep their paths.
 
-        Robots begin with one of the field's nominal paths, or, if all of these are far from satisfying the robot's own
-        requirements, with a short way on a roadmap of its own: on a floor unlike those that the field was trained on, it
-        may know none. Every other draw, robots that draw again begin with such a way in any case.
+        Robots begin with one of the field's nominal paths, or, if all of these conflict with obstacles or other robots,
+        with one of a few short ways on a roadmap of its own, each of them now, later or sooner. Every other draw, robots
+        that draw again begin with a short way in any case.
 
         Args:
             conditions: What to generate.
@@ -205,10 +207,11 @@ class FleetGenerator:
         seed, first, number = seeds
         for k, condition in zip(index, conditions, strict=True):
             robots = np.flatnonzero(~starts.keeps[k, : len(condition.robots)])
-            if not len(robots) or not condition.floor.obstacles:
+            if not len(robots):
                 continue
             rng = np.random.default_rng([seed, first + k, number])
-            starts.route[k, robots] = to_modes(routes(condition, robots.tolist(), rng))
+            ways = routes(condition, robots.tolist(), rng, ROUTES)
+            starts.routes[k][:, robots] = to_modes(ways)
             starts.handicap[k, robots] = -NEVER if number % 2 else HANDICAP
 
 

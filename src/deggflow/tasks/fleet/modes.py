@@ -1,17 +1,20 @@
-"""Each robot's path out of several nominal ones, by best responses: which corridor, which side, who goes first."""
+"""A path of each robot out of several, by best responses: which corridor, which side, who goes first."""
+
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from deggflow.guidance.sums import SumOfMargins
-from deggflow.shapes import States
+from deggflow.shapes import Scalar, States
 
 from .condition import APART, FleetArrays
-from .paths import WAYPOINTS, to_path
+from .paths import to_path
 from .requirements import BUFFER, Crowding, plan_requirement
 
 SWEEPS = 4
+OWN = 4.0  # weight of what a robot violates alone: guidance parts two robots more easily than it moves one off an obstacle
 
 Candidates = Float[Array, "candidates agents dim"]
 
@@ -36,52 +39,55 @@ def _own(crowding: Crowding) -> list[bool]:
     return [False, True, True, *[True] * (bool(crowding.nearest) + crowding.polygons)]
 
 
-def pair_costs(
-    candidates: Candidates, condition: FleetArrays
-) -> Float[Array, "agents candidates agents candidates"]:
-    """What two candidates add to V together, at waypoints; zero between those of one robot."""
-    count, agents, _ = candidates.shape
-    paths = jax.vmap(lambda z: to_path(z, condition.start, condition.goal))(candidates)
-    # About the middle of the floor, so that squares are small.
-    middle = (condition.bounds[:2] + condition.bounds[2:]) / 2
-    flat = jnp.moveaxis(paths - middle[None, None, None], 0, 1).reshape(
-        agents * count, WAYPOINTS, 2
-    )
-    reach = APART * condition.radius + BUFFER
-
-    def at(total: Float[Array, "one other"], x: Float[Array, "one 2"]) -> tuple[Array, None]:
-        offset_x, offset_y = (x[:, None, k] - x[None, :, k] for k in range(2))
-        near = jnp.sqrt(offset_x**2 + offset_y**2)
-        return total + jnp.maximum(reach - near, 0.0) ** 2, None
-
-    total, _ = jax.lax.scan(
-        at, jnp.zeros((len(flat), len(flat)), flat.dtype), jnp.moveaxis(flat, 1, 0)
-    )
-    table = total.reshape(agents, count, agents, count) / BUFFER**2
-    apart = ~jnp.eye(agents, dtype=bool) & condition.mask[:, None] & condition.mask[None]
-    return jnp.where(apart[:, None, :, None], table, 0.0)
+def meetings(
+    paths: Float[Array, "candidates 64 2"], others: Float[Array, "others 64 2"], reach: Scalar
+) -> Float[Array, "candidates others"]:
+    """What each of some paths and each of others add to V together, at waypoints."""
+    x, y = (paths[:, None, :, k] - others[None, :, :, k] for k in (0, 1))
+    near = jnp.sqrt(x**2 + y**2)
+    return jnp.sum(jnp.maximum(reach - near, 0.0) ** 2, axis=-1) / BUFFER**2
 
 
 def choose(
     own: Float[Array, "agents candidates"],
-    pairs: Float[Array, "agents candidates agents candidates"],
+    paths: Float[Array, "agents candidates 64 2"],
+    reach: Scalar,
+    mask: Bool[Array, " agents"],
 ) -> Int[Array, " agents"]:
     """A candidate of each robot: one after the other, then best responses.
 
     In turn, each robot takes the candidate with the least cost against the present choices of the others. The sum of all
     costs falls with every change, as the cost of a pair counts for both.
+
+    Args:
+        own: What each candidate costs without the others.
+        paths: Of the candidates, in map units.
+        reach: Distance of centres from which on two robots cost nothing.
+        mask: Which robots are present.
     """
-    agents = own.shape[0]
+    robots = jnp.arange(len(own))
 
-    def respond(k: Int[Array, ""], state: tuple[Array, Array]) -> tuple[Array, Array]:
-        chosen, placed = state
-        robot = k % agents
-        costs = jnp.take_along_axis(pairs[robot], chosen[None, :, None], axis=2)[..., 0]
-        cost = own[robot] + jnp.sum(jnp.where(placed[None], costs, 0.0), axis=1)
-        return chosen.at[robot].set(jnp.argmin(cost)), placed.at[robot].set(True)
+    def respond(k: Int[Array, ""], state: _Choice) -> _Choice:
+        robot = k % len(own)
+        counts = state.placed & mask & (robots != robot)
+        costs = jnp.where(counts[None], meetings(paths[robot], state.paths, reach), 0.0)
+        best = jnp.argmin(own[robot] + jnp.sum(costs, axis=1))
+        return _Choice(
+            state.chosen.at[robot].set(best),
+            state.paths.at[robot].set(paths[robot, best]),
+            state.placed.at[robot].set(True),
+        )
 
-    none = jnp.zeros(agents, jnp.int32), jnp.zeros(agents, bool)
-    return jax.lax.fori_loop(0, (SWEEPS + 1) * agents, respond, none)[0]
+    nobody = _Choice(jnp.zeros(len(own), jnp.int32), paths[:, 0], jnp.zeros(len(own), bool))
+    return jax.lax.fori_loop(0, (SWEEPS + 1) * len(own), respond, nobody).chosen
+
+
+class _Choice(NamedTuple):
+    """The present choice of each robot, its path, and whether it has had a turn."""
+
+    chosen: Int[Array, " agents"]
+    paths: Float[Array, "agents 64 2"]
+    placed: Bool[Array, " agents"]
 
 
 def best_response(
@@ -94,6 +100,8 @@ def best_response(
 
     A robot must know the present choice of every other robot, and its own candidates.
     """
-    own = own_costs(candidates, condition, crowding) + handicaps.T
-    chosen = choose(own, pair_costs(candidates, condition))
+    own = OWN * own_costs(candidates, condition, crowding) + handicaps.T
+    reach = APART * condition.radius + BUFFER
+    paths = jax.vmap(lambda z: to_path(z, condition.start, condition.goal))(candidates)
+    chosen = choose(own, jnp.moveaxis(paths, 0, 1), reach, condition.mask)
     return jnp.take_along_axis(candidates, chosen[None, :, None], axis=0)[0]

@@ -9,6 +9,7 @@ from jaxtyping import Array, Float
 
 from deggflow.requirements import AbstractObstacle, box, exact
 from deggflow.requirements.regions import Each, Positions
+from deggflow.requirements.term import hinge, nearest_on_the_way
 
 
 class Obstacles(AbstractObstacle):
@@ -23,16 +24,20 @@ class Obstacles(AbstractObstacle):
         half: Half sizes of the boxes.
         radius: By which they are grown.
         nearest: How many guidance looks at.
+        round: Whether all are discs, and few: guidance looks at all of them then.
     """
 
     centre: Float[Array, "obstacles 2"]
     half: Float[Array, "obstacles 2"]
     radius: Float[Array, " obstacles"]
     nearest: int = eqx.field(static=True)
+    round: bool = eqx.field(static=True, default=False)
 
     def repulsion(self, x: Positions, reach: Any, eps: float) -> Each:
         """As of `AbstractObstacle`, of the nearest obstacles."""
         first, last = x[..., :-1], x[..., 1:]
+        if self.round:
+            return self._of_discs(first, last, reach, eps)
         table = jnp.concatenate([self.centre.T, self.half.T, self.radius[None]])
         middle = jax.lax.stop_gradient((first + last) / 2)
         gap = self._distances(middle)
@@ -49,6 +54,12 @@ class Obstacles(AbstractObstacle):
             if k + 1 < self.nearest:
                 gap = jnp.where(chosen > 0, jnp.inf, gap)
         return jnp.concatenate(values)
+
+    def _of_discs(self, first: Positions, last: Positions, reach: Any, eps: float) -> Each:
+        """Of all discs: to measure each takes fewer operations than to find the nearest."""
+        start = first[:, None] - self.centre.T[..., None, None]
+        near = nearest_on_the_way(start, (last - first)[:, None], eps)
+        return hinge(reach + self.radius[:, None, None] - near)
 
     def _distances(self, point: Positions) -> Each:
         """Signed distances of points from every obstacle, from below inside."""

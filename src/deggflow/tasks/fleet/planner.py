@@ -26,6 +26,7 @@ CLEAR = 0.006  # map units, room between a disc and an obstacle or the bounds al
 SPARE = 0.002  # map units, beyond the least distance of two robots
 BLOCKED = 50.0  # cost of a candidate that is not clear or too fast
 PACE = 0.95  # largest share of the speed limit
+BOW = 0.8  # largest height of a bow over half of its chord
 VARIANTS = 24  # weightings of the roadmaps of named maps
 _FINE = 257  # points of a way before its timing
 _ROUND = 6.0  # standard deviation of the kernel that rounds corners, in points
@@ -89,15 +90,23 @@ def _stops(name: str, start: Point, goal: Point, rng: np.random.Generator) -> li
     return []
 
 
-def _rounded(corners: Float[np.ndarray, "corners 2"]) -> tuple[Float[np.ndarray, "fine 2"], float]:
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=-1))])
+def _even(corners: Float[np.ndarray, "corners 2"]) -> tuple[Float[np.ndarray, "fine 2"], float]:
+    """Points at equal shares of a way's length, and this length."""
+    move = np.diff(corners, axis=0)
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(move[:, 0], move[:, 1]))])
     share = np.linspace(0.0, along[-1], _FINE)
-    points = np.stack([np.interp(share, along, corners[:, axis]) for axis in (0, 1)], axis=-1)
+    points = [np.interp(share, along, corners[:, axis]) for axis in (0, 1)]
+    return np.stack(points, axis=-1), float(along[-1])
+
+
+def _rounded(points: Float[np.ndarray, "*ways fine 2"]) -> Float[np.ndarray, "*ways fine 2"]:
+    """Ways with round corners, and the same ends."""
     room = _FINE // 8
-    padded = np.pad(points, ((room, room), (0, 0)), mode="reflect", reflect_type="odd")
-    smooth = gaussian_filter1d(padded, _ROUND, axis=0)[room:-room]
-    smooth[[0, -1]] = corners[[0, -1]]
-    return smooth, float(along[-1])
+    width = [(0, 0)] * (points.ndim - 2) + [(room, room), (0, 0)]
+    padded = np.pad(points, width, mode="reflect", reflect_type="odd")
+    smooth = gaussian_filter1d(padded, _ROUND, axis=-2)[..., room:-room, :]
+    smooth[..., [0, -1], :] = points[..., [0, -1], :]
+    return smooth
 
 
 def _way(roads: Roadmap, name: str, start: Point, goal: Point, rng: np.random.Generator) -> Way:
@@ -105,7 +114,8 @@ def _way(roads: Roadmap, name: str, start: Point, goal: Point, rng: np.random.Ge
     variant = int(rng.integers(len(roads.length)))
     legs = [roads.way(variant, a, b) for a, b in pairwise(stops)]
     corners = np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])])
-    points, length = _rounded(corners)
+    points, length = _even(corners)
+    points = _rounded(points)
     if name != "drop_region":
         return Way(points, length, -1.0)
     first = np.sum(np.linalg.norm(np.diff(legs[0], axis=0), axis=-1))
@@ -201,14 +211,29 @@ def candidates(
     return paths, cost, clear & (step <= condition.speed_limit)
 
 
+def _bow(ends: Float[np.ndarray, "2 2"], share: float) -> Float[np.ndarray, "corners 2"]:
+    """A way to the right of the straight line, by a share of half its length: who meets keeps to the right."""
+    t = np.linspace(0.0, 1.0, 33)[:, None]
+    start, goal = ends
+    x, y = goal - start
+    return (1 - t) * start + t * goal + share / 2 * np.sin(np.pi * t) * np.array([y, -x])
+
+
 def routes(
-    condition: FleetCondition, robots: Sequence[int], rng: np.random.Generator
-) -> Float[np.ndarray, "routes 64 2"]:
-    """A short way of each of some robots around the obstacles, at an even pace, without a view to other robots."""
-    roads = roadmap(condition, rng)
-    ways = [_way(roads, "", condition.starts[k], condition.goals[k], rng).points for k in robots]
-    pace = np.tile(np.linspace(0.0, 1.0, WAYPOINTS), (len(ways), 1))
-    return _timed(np.array(ways), pace)
+    condition: FleetCondition, robots: Sequence[int], rng: np.random.Generator, count: int
+) -> Float[np.ndarray, "routes robots 64 2"]:
+    """Short ways of some robots around the obstacles, at an even pace, without a view to other robots."""
+    roads, own = roadmap(condition, rng), list(robots)
+    variants = rng.integers(len(roads.length), size=(len(own), count))
+    ways = roads.ways(condition.starts[own], condition.goals[own], variants)
+    if not condition.floor.obstacles:
+        ways = [
+            _bow(way, share)
+            for way, share in zip(ways, rng.uniform(0.0, BOW, len(ways)), strict=True)
+        ]
+    points = _rounded(np.array([_even(corners)[0] for corners in ways]))
+    paths = _timed(points, np.tile(np.linspace(0.0, 1.0, WAYPOINTS), (len(ways), 1)))
+    return paths.reshape(len(own), count, WAYPOINTS, 2).swapaxes(0, 1)
 
 
 def demonstrate(condition: FleetCondition, rng: np.random.Generator) -> Team:

@@ -41,10 +41,11 @@ class _Solids(eqx.Module):
     """Boxes and discs of a condition; equal ones share compiled programs."""
 
     nearest: int = eqx.field(static=True)
+    round: bool = eqx.field(static=True)
 
     def __call__(self, condition: FleetArrays) -> Obstacles:
         solid = condition.solids
-        return Obstacles(solid[:, :2], solid[:, 2:4], solid[:, 4], self.nearest)
+        return Obstacles(solid[:, :2], solid[:, 2:4], solid[:, 4], self.nearest, self.round)
 
 
 def _polygons(condition: FleetArrays) -> req.Polygons:
@@ -57,10 +58,12 @@ class Crowding(eqx.Module):
     Attributes:
         nearest: Boxes and discs that one step of a robot can be within reach of at once; 0: there are none.
         polygons: Whether there are polygons.
+        round: Whether all of the others are discs, and few.
     """
 
     nearest: int = eqx.field(static=True)
     polygons: bool = eqx.field(static=True)
+    round: bool = eqx.field(static=True, default=False)
 
 
 def plan_requirement(crowding: Crowding, buffer: float = BUFFER) -> PrivateRequirement:
@@ -71,7 +74,7 @@ def plan_requirement(crowding: Crowding, buffer: float = BUFFER) -> PrivateRequi
         + req.speed("speed_limit", layout=LAYOUT, buffer=buffer)
     )
     if crowding.nearest:
-        solids = _Solids(crowding.nearest)
+        solids = _Solids(crowding.nearest, crowding.round)
         plan += req.outside(solids, radius="radius", layout=LAYOUT, buffer=buffer)
     if crowding.polygons:
         polygons = req.outside(

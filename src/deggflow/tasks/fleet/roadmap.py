@@ -53,14 +53,43 @@ class Roadmap(NamedTuple):
         self, variant: int, start: Float[np.ndarray, " 2"], goal: Float[np.ndarray, " 2"]
     ) -> Float[np.ndarray, "corners 2"]:
         """Corners of a way, both ends included; the straight line where there is none."""
-        direct = self.weight(start, goal)
+        return self.ways(start[None], goal[None], np.array([[variant]]))[0]
+
+    def ways(
+        self,
+        start: Float[np.ndarray, "robots 2"],
+        goal: Float[np.ndarray, "robots 2"],
+        variants: Int[np.ndarray, "robots ways"],
+    ) -> list[Float[np.ndarray, "corners 2"]]:
+        """Corners of several ways of each robot, those of a robot one after the other."""
         if not len(self.points):
+            return [np.stack(ends) for ends in zip(start, goal, strict=True) for _ in variants[0]]
+        direct = self.weight(start, goal)
+        into = self.weight(start[:, None], self.points[None])
+        out = self.weight(self.points[None], goal[:, None])
+        return [
+            self._corners(int(variant), start[k], goal[k], (direct[k], into[k], out[k]))
+            for k, row in enumerate(variants)
+            for variant in row
+        ]
+
+    def _corners(
+        self,
+        variant: int,
+        start: Float[np.ndarray, " 2"],
+        goal: Float[np.ndarray, " 2"],
+        weights: tuple[float, Float[np.ndarray, " points"], Float[np.ndarray, " points"]],
+    ) -> Float[np.ndarray, "corners 2"]:
+        """Args: weights: of the direct move, of moves from the start, and to the goal."""
+        direct, into, out = weights
+        enters, leaves = np.flatnonzero(np.isfinite(into)), np.flatnonzero(np.isfinite(out))
+        if not len(enters) or not len(leaves):
             return np.stack([start, goal])
-        into, out = self.weight(start, self.points), self.weight(self.points, goal)
-        total = into[:, None] + self.length[variant] + out[None]
-        first, last = np.unravel_index(np.argmin(total), total.shape)
-        if direct <= total[first, last] or not np.isfinite(total[first, last]):
+        total = into[enters, None] + self.length[variant][np.ix_(enters, leaves)] + out[leaves]
+        row, column = np.unravel_index(np.argmin(total), total.shape)
+        if direct <= total[row, column] or not np.isfinite(total[row, column]):
             return np.stack([start, goal])
+        first, last = enters[row], leaves[column]
         chain = [last]
         while chain[-1] != first:
             chain.append(self.before[variant, first, chain[-1]])
