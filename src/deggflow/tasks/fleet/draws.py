@@ -15,7 +15,7 @@ from deggflow.shapes import Scalar, States
 from deggflow.step_guard import StepGuard
 
 from .condition import FleetArrays
-from .modes import best_response
+from .modes import OWN, best_response, own_costs
 from .requirements import Crowding
 from .timing import timed
 
@@ -83,11 +83,15 @@ class ChosenThenGuided:
 
         def start(noise: Float[Array, "candidates agents dim"], draw: Draw) -> States:
             nominal = predictions(field, drift, noise, draw)
-            paths = timed(jnp.concatenate([nominal, draw.routes]), draw.arrays)
-            paths = jnp.where(draw.keeps[None, None, :, None], draw.kept[None, None], paths)
-            handicaps = jnp.zeros(paths.shape[:3]).at[:, len(nominal) :].set(draw.handicap[None, None])
-            paths, handicaps = (each.reshape(-1, *each.shape[2:]) for each in (paths, handicaps))
-            return best_response(paths, draw.arrays, self.crowding, handicaps)
+            plain = jnp.concatenate([nominal, draw.routes])
+            plain = jnp.where(draw.keeps[None, :, None], draw.kept[None], plain)
+            # Timings change what a robot violates alone but little: they keep to its way and its speed limit.
+            costs = OWN * own_costs(plain, draw.arrays, self.crowding)
+            costs = costs.T.at[len(nominal) :].add(draw.handicap[None])
+            paths = timed(plain, draw.arrays)
+            paths = jnp.where(draw.keeps[None, None, :, None], plain[None], paths)
+            costs = jnp.tile(costs, (len(paths), 1))
+            return best_response(paths.reshape(-1, *plain.shape[1:]), costs.T, draw.arrays)
 
         z0 = jax.vmap(start)(noise, draws)
         return masked_batch(still, guidance, z0, draws.arrays, grid, EVERY_STEP, guard, keep_trace)

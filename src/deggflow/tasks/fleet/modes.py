@@ -91,17 +91,13 @@ class _Choice(NamedTuple):
 
 
 def best_response(
-    candidates: Candidates,
-    condition: FleetArrays,
-    crowding: Crowding,
-    handicaps: Float[Array, "candidates agents"],
+    candidates: Candidates, costs: Float[Array, "agents candidates"], condition: FleetArrays
 ) -> States:
-    """One path of each robot, out of its candidates, whose own costs have a handicap each.
+    """One path of each robot, out of its candidates, each of which costs so much without the others.
 
     A robot must know the present choice of every other robot, and its own candidates.
     """
-    own = OWN * own_costs(candidates, condition, crowding) + handicaps.T
     reach = APART * condition.radius + BUFFER
     paths = jax.vmap(lambda z: to_path(z, condition.start, condition.goal))(candidates)
-    chosen = choose(own, jnp.moveaxis(paths, 0, 1), reach, condition.mask)
+    chosen = choose(costs, jnp.moveaxis(paths, 0, 1), reach, condition.mask)
     return jnp.take_along_axis(candidates, chosen[None, :, None], axis=0)[0]

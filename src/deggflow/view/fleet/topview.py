@@ -51,17 +51,19 @@ def draw_paths(axes: Axes, paths: Float[np.ndarray, "robots 64 2"]) -> None:
 
 
 def draw_ends(axes: Axes, plan: Plan) -> None:
-    """Starts as rings, goals as crosses, with the robots' numbers at the starts."""
-    for number, (start, goal) in enumerate(
-        zip(plan.condition.starts, plan.condition.goals, strict=True), 1
-    ):
-        axes.add_patch(
-            Circle(start, plan.condition.radius, fill=False, edgecolor="#333333", linewidth=0.8)
-        )
+    """Starts as rings around the robots' numbers, goals as crosses with the numbers beside them, in italics."""
+    condition = plan.condition
+    for number, (start, goal) in enumerate(zip(condition.starts, condition.goals, strict=True), 1):
+        ring = Circle(start, condition.radius, fill=False, edgecolor="#333333", linewidth=0.8)
+        axes.add_patch(ring)
         axes.plot(*goal, "x", color="#333333", markersize=4, markeredgewidth=0.9)
         x, y = start
-        label = axes.text(x, y, str(number), fontsize=6, ha="center", va="center", zorder=5)
-        label.set_path_effects([withStroke(linewidth=2.0, foreground="white")])
+        at_start = axes.text(x, y, str(number), fontsize=6, ha="center", va="center")
+        # A start may be where another robot's goal is: two numbers that do not cover each other.
+        x, y = goal + 0.7 * condition.radius
+        at_goal = axes.text(x, y, str(number), fontsize=5, style="italic", color="#555555")
+        for label in (at_start, at_goal):
+            label.set(zorder=5, path_effects=[withStroke(linewidth=2.0, foreground="white")])
 
 
 def robot_patches(axes: Axes, plan: Plan) -> list[Circle]:
