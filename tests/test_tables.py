@@ -190,3 +190,22 @@ def test_episodes_lie_where_lerobot_looks_for_them(tmp_path):
         np.testing.assert_allclose(stats[name], expected, rtol=1e-12)
     with pytest.raises(InputError, match="exists; choose another --out"):
         write_lerobot(folder, form, iter(episodes))
+
+
+def test_groups_that_were_read_are_let_go(tmp_path):
+    """A table may be larger than memory: Arrow holds a small part of it at any time."""
+    kind, path, held = SCENES[0], tmp_path / "many.parquet", []
+    row = value_of(kind, full=True)
+    assert write_rows(path, kind, iter([row] * 40), {"task": "a task"}) == 40
+    table = arrow.parquet.read_table(path)
+    plain = {"compression": "none", "use_dictionary": False, "write_page_checksum": True}
+    with arrow.parquet.ParquetWriter(path, table.schema, **plain) as file:
+        for _ in range(40):
+            file.write_table(table)
+    del table
+    before = arrow.total_allocated_bytes()
+    for number, _ in enumerate(table_rows(path, kind)):
+        if number % 40 == 20:
+            held.append(arrow.total_allocated_bytes() - before)
+    assert len(held) == 40
+    assert max(held) < path.stat().st_size / 10

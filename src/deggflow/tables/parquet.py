@@ -98,7 +98,8 @@ def _open(path: StrPath) -> Any:
     parquet = imported("pyarrow.parquet", "data", "a Parquet table")
     arrow = imported("pyarrow", "data", "a Parquet table")
     try:
-        return parquet.ParquetFile(path, page_checksum_verification=True)
+        # Read ahead, the bytes of all groups would stay in memory until the file is closed.
+        return parquet.ParquetFile(path, page_checksum_verification=True, pre_buffer=False)
     except OSError as error:
         raise InputError(f"can't be read: {error.strerror or error}", file=path) from None
     except arrow.ArrowException as error:
@@ -141,14 +142,20 @@ def table_rows(
             if name not in schema.names or not _same(schema.field(name).type, parts[name].type):
                 raise InputError("the table has no such column", file=path, field=name)
         try:
-            for batch in file.iter_batches(_BATCH, columns=wanted):
-                for row in batch.to_pylist():
-                    if decode is None:
-                        yield line.decode(row)
-                    else:
-                        yield {name: convert(row[name]) for name, convert in decode.items()}
+            for row in _rows(file, wanted):
+                if decode is None:
+                    yield line.decode(row)
+                else:
+                    yield {name: convert(row[name]) for name, convert in decode.items()}
         except (arrow.ArrowException, OSError) as error:
             raise InputError(f"is damaged: {error}", file=path) from None
+
+
+def _rows(file: Any, columns: Sequence[str]) -> Iterator[dict[str, Any]]:
+    # One iterator over all groups keeps something of each.
+    for group in range(file.num_row_groups):
+        for batch in file.iter_batches(_BATCH, row_groups=[group], columns=columns):
+            yield from batch.to_pylist()
 
 
 def _same(one: Any, other: Any) -> bool:
