@@ -101,7 +101,7 @@ def test_guidance_sees_what_the_verdict_sees(name):
     arrays, of = to_arrays(conditions), crowding(conditions)
     z = (0.05 * rng.normal(size=(40, 3, 124))).astype(np.float32)
     plan = plan_requirement(of)
-    everything = plan_requirement(type(of)(16, polygons=False, round=False))
+    everything = plan_requirement(type(of)(16, polygons=False, few_discs=False))
 
     def values(requirement):
         return np.asarray(jax.vmap(requirement.violation)(jnp.asarray(z), arrays, arrays.mask))

@@ -20,7 +20,7 @@ def crowding(conditions: Sequence[FleetCondition]) -> Crowding:
     Example:
         >>> from .condition import Robot
         >>> crowding([FleetCondition("conveyor", (Robot((-0.8, 0.0), (0.8, 0.0)),), speed_limit=0.1)])
-        Crowding(nearest=1, polygons=False, round=False)
+        Crowding(nearest=1, polygons=False)
     """
     most, polygons, few_discs = 0, False, True
     for key in {(c.map, c.radius, c.speed_limit): c for c in conditions}.values():

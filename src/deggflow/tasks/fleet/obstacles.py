@@ -24,19 +24,19 @@ class Obstacles(AbstractObstacle):
         half: Half sizes of the boxes.
         radius: By which they are grown.
         nearest: How many guidance looks at.
-        round: Whether all are discs, and few: guidance looks at all of them then.
+        few_discs: Whether all are discs, and few: guidance looks at all of them then.
     """
 
     centre: Float[Array, "obstacles 2"]
     half: Float[Array, "obstacles 2"]
     radius: Float[Array, " obstacles"]
     nearest: int = eqx.field(static=True)
-    round: bool = eqx.field(static=True, default=False)
+    few_discs: bool = eqx.field(static=True, default=False)
 
     def repulsion(self, x: Positions, reach: Any, eps: float) -> Each:
         """As of `AbstractObstacle`, of the nearest obstacles."""
         first, last = x[..., :-1], x[..., 1:]
-        if self.round:
+        if self.few_discs:
             return self._of_discs(first, last, reach, eps)
         table = jnp.concatenate([self.centre.T, self.half.T, self.radius[None]])
         middle = jax.lax.stop_gradient((first + last) / 2)

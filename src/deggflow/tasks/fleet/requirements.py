@@ -41,11 +41,11 @@ class _Solids(eqx.Module):
     """Boxes and discs of a condition; equal ones share compiled programs."""
 
     nearest: int = eqx.field(static=True)
-    round: bool = eqx.field(static=True)
+    few_discs: bool = eqx.field(static=True)
 
     def __call__(self, condition: FleetArrays) -> Obstacles:
         solid = condition.solids
-        return Obstacles(solid[:, :2], solid[:, 2:4], solid[:, 4], self.nearest, self.round)
+        return Obstacles(solid[:, :2], solid[:, 2:4], solid[:, 4], self.nearest, self.few_discs)
 
 
 def _polygons(condition: FleetArrays) -> req.Polygons:
@@ -58,12 +58,12 @@ class Crowding(eqx.Module):
     Attributes:
         nearest: Boxes and discs that one step of a robot can be within reach of at once; 0: there are none.
         polygons: Whether there are polygons.
-        round: Whether all of the others are discs, and few.
+        few_discs: Whether all of the others are discs, and few.
     """
 
     nearest: int = eqx.field(static=True)
     polygons: bool = eqx.field(static=True)
-    round: bool = eqx.field(static=True, default=False)
+    few_discs: bool = eqx.field(static=True, default=False)
 
 
 def plan_requirement(crowding: Crowding, buffer: float = BUFFER) -> PrivateRequirement:
@@ -74,7 +74,7 @@ def plan_requirement(crowding: Crowding, buffer: float = BUFFER) -> PrivateRequi
         + req.speed("speed_limit", layout=LAYOUT, buffer=buffer)
     )
     if crowding.nearest:
-        solids = _Solids(crowding.nearest, crowding.round)
+        solids = _Solids(crowding.nearest, crowding.few_discs)
         plan += req.outside(solids, radius="radius", layout=LAYOUT, buffer=buffer)
     if crowding.polygons:
         polygons = req.outside(
