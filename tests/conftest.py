@@ -49,7 +49,7 @@ def key():
     return jax.random.key(0)
 
 
-PIECES = 35_000  # of memory; a process may have 65,530 by Linux's default, and a module takes up to 10,000
+PIECES = 20_000  # of memory; a process may have 65,530 by Linux's default, and a module takes up to 10,000
 
 
 @pytest.fixture(autouse=True, scope="module")
