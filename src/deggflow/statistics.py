@@ -1,7 +1,6 @@
 """Proportions with confidence intervals."""
 
 from dataclasses import asdict, dataclass
-from math import sqrt
 from typing import Any, NamedTuple
 
 MANY = 5_000  # number of cases from which a second decimal is meaningful
@@ -24,16 +23,11 @@ class Rate(NamedTuple):
         return self.successes / self.cases
 
     def interval(self, confidence: float = 0.95) -> tuple[float, float]:
-        """Wilson score interval of the proportion; scipy.stats has it too, but takes a third of a second to import."""
-        from scipy.special import ndtri
+        """Wilson score interval of the proportion."""
+        from scipy.stats import binomtest  # takes long to import, and most commands have no rates
 
-        p, n, z = self.proportion, self.cases, float(ndtri(0.5 + 0.5 * confidence))
-        scale = 2 * (n + z**2)
-        centre = (2 * n * p + z**2) / scale
-        half = z / scale * sqrt(4 * n * p * (1 - p) + z**2)
-        low = centre - half if self.successes else 0.0
-        high = centre + half if self.successes < n else 1.0
-        return low, high
+        interval = binomtest(self.successes, self.cases).proportion_ci(confidence, method="wilson")
+        return float(interval.low), float(interval.high)
 
     def __str__(self) -> str:
         low, high = self.interval()
