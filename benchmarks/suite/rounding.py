@@ -46,7 +46,7 @@ def _success(generator: TabletopGenerator, size: int, cases: int) -> dict[str, f
     """First draws that exact geometry finds satisfied, with the 95% Wilson interval of their share."""
     conditions = random_conditions(size, cases, "changed", SEED)
     noise = initial_noise(SEED, np.arange(cases), 0)
-    found = judged(generator.batch(noise, conditions), conditions)
-    satisfied = sum(one.certificate.satisfied for one in found)
+    candidates = judged(generator.batch(noise, conditions), conditions, SEED)
+    satisfied = sum(one.satisfied for one in candidates)
     low, high = Rate(satisfied, cases).interval()
     return {"satisfied": satisfied, "of": cases, "% from": 100 * low, "to": 100 * high}
