@@ -32,15 +32,21 @@ class StepGuard:
 
     Attributes:
         halvings: Largest number of halvings; nonnegative.
+        width: How many samples of a batch take their steps at once: where one is done, the next takes its place. None: all
+            of them, of which the last sixteenth is finished by itself. A small width pays where samples are large and some
+            take several times as many evaluations as others.
 
-    With 0 no step is refused; those that end above a limit are counted, and requirements told, all the same.
+    With 0 halvings no step is refused; those that end above a limit are counted, and requirements told, all the same.
     """
 
     halvings: int = 4
+    width: int | None = None
 
     def __post_init__(self) -> None:
         if self.halvings < 0:
             raise ValueError(f"`halvings` must not be negative; got {self.halvings}.")
+        if self.width is not None and self.width < 1:
+            raise ValueError(f"`width` must be at least 1, or None; got {self.width}.")
 
 
 class SampleProgress(NamedTuple):
@@ -226,7 +232,7 @@ Advance = Callable[[Any, SampleProgress], SampleProgress]
 def finish(
     steps: GuardedSteps, advance: Advance, inputs: Any, samples: SampleProgress
 ) -> SampleProgress:
-    """Carries a batch of samples to the end of the macro step; the few that most of it would wait for are gathered and go on alone.
+    """Carries a batch of samples to the end of the macro step; none waits for those that take many more evaluations.
 
     Args:
         steps: Grid, scheme and guard.
@@ -234,7 +240,9 @@ def finish(
         inputs: What each sample is conditioned on, with a leading axis of samples.
         samples: As `GuardedSteps.start` makes them, with a leading axis of samples.
     """
-    count = samples.goal.shape[0]
+    count, width = samples.goal.shape[0], steps.guard.width
+    if width is not None and count > width:
+        return _in_turn(steps, advance, inputs, samples, width)
     few = count // LAST if count >= GATHERED else 0
 
     def until(left: int, inputs: Any, samples: SampleProgress) -> SampleProgress:
@@ -250,3 +258,56 @@ def finish(
     last = jnp.argsort(~steps.unfinished(samples))[:few]  # all that are unfinished are among them
     part = jax.tree.map(lambda leaf: leaf[last], (inputs, samples))
     return jax.tree.map(lambda leaf, new: leaf.at[last].set(new), samples, until(0, *part))
+
+
+class _Places(NamedTuple):
+    """Samples that take their steps at once, and all of the batch.
+
+    Attributes:
+        number: Of the sample at each place.
+        next: Number of the first sample that has had no place yet.
+        part: What those at the places are conditioned on, and their progress.
+        samples: Progress of all, up to date for those that are done or have had no place.
+    """
+
+    number: Int[Array, " places"]
+    next: Int[Array, ""]
+    part: tuple[Any, SampleProgress]
+    samples: SampleProgress
+
+
+def _in_turn(
+    steps: GuardedSteps, advance: Advance, inputs: Any, samples: SampleProgress, width: int
+) -> SampleProgress:
+    """The samples at a few places take their steps; the next in line takes the place of one that is done."""
+
+    def pick(number: Int[Array, " places"], samples: SampleProgress) -> tuple[Any, SampleProgress]:
+        return jax.tree.map(lambda leaf: leaf[number], (inputs, samples))
+
+    def put(places: _Places) -> SampleProgress:
+        return jax.tree.map(
+            lambda leaf, new: leaf.at[places.number].set(new), places.samples, places.part[1]
+        )
+
+    def replaced(places: _Places) -> _Places:
+        samples, done = put(places), ~steps.unfinished(places.part[1])
+        following = places.next + jnp.cumsum(done) - 1
+        enters = done & (following < len(samples.goal))
+        number = jnp.where(enters, following, places.number)
+        return _Places(number, places.next + jnp.sum(enters), pick(number, samples), samples)
+
+    def some_wait(places: _Places) -> Bool[Array, ""]:
+        return places.next < len(samples.goal)
+
+    def step(places: _Places) -> _Places:
+        conditions, part = places.part
+        places = places._replace(part=(conditions, jax.vmap(advance)(conditions, part)))
+        some_done = ~jnp.all(steps.unfinished(places.part[1]))
+        return jax.lax.cond(some_done & some_wait(places), replaced, lambda same: same, places)
+
+    number = jnp.arange(width)
+    places = _Places(number, jnp.asarray(width), pick(number, samples), samples)
+    places = jax.lax.while_loop(
+        lambda at: some_wait(at) | jnp.any(steps.unfinished(at.part[1])), step, places
+    )
+    return put(places)

@@ -1,12 +1,15 @@
 """Repulsion from boxes around the origin: hinges over distances that are continuously differentiable outside of them."""
 
+from collections.abc import Sequence
+from functools import reduce
+from itertools import combinations
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .term import hinge, root
+from .term import dot, hinge, root
 
 Local = Float[Array, "axes regions agents waypoints"]
 Half = Float[Array, "axes regions #agents #waypoints"]
@@ -26,9 +29,8 @@ def _size(a: Float[Array, "..."]) -> Float[Array, "..."]:
 
 def point_repulsion(point: Local, half: Half, reach: Any) -> Each:
     """Of points."""
-    gap = _size(point) - half
-    out = jnp.where(gap > 0, gap, 0.0)
-    return hinge(reach - root(jnp.sum(out**2, axis=0))) + overlap(jnp.max(gap, axis=0), reach)
+    gap = [_size(x) - h for x, h in zip(point, half, strict=True)]
+    return hinge(reach - root(_beyond(gap))) + overlap(reduce(_larger, gap), reach)
 
 
 def segment_repulsion(first: Local, last: Local, half: Half, reach: Any, eps: float) -> Each:
@@ -39,10 +41,15 @@ def segment_repulsion(first: Local, last: Local, half: Half, reach: Any, eps: fl
     """
     way, weight = last - first, 4 * eps**2
     s = jax.lax.stop_gradient(_minimiser(first, way, half, weight))
-    gap = _size(first + s[None] * way) - half
-    out = jnp.where(gap > 0, gap, 0.0)
-    near = root(jnp.sum(out**2, axis=0) + weight * (s - 0.5) ** 2) - eps
+    gap = [_size(x + s * w) - h for x, w, h in zip(first, way, half, strict=True)]
+    near = root(_beyond(gap) + weight * (s - 0.5) ** 2) - eps
     return hinge(reach - near) + overlap(_parting(first, last, half), reach)
+
+
+def _beyond(gap: Sequence[Each]) -> Each:
+    """Squared distance from a box, from what the coordinates lie beyond its faces."""
+    # Axis by axis, here and below: XLA's CPU backend would compute what arrays of all axes are made of again and again.
+    return reduce(jnp.add, [jnp.where(each > 0, each, 0.0) ** 2 for each in gap])
 
 
 def _minimiser(first: Local, way: Local, half: Half, weight: float) -> Each:
@@ -51,7 +58,7 @@ def _minimiser(first: Local, way: Local, half: Half, weight: float) -> Each:
     def slope(s: Each) -> Each:
         point = first + s[None] * way
         over = point - jnp.clip(point, -half, half)
-        return jnp.sum(over * way, axis=0) + weight * (s - 0.5)
+        return dot(over, way) + weight * (s - 0.5)
 
     low, high = jnp.zeros_like(first[0]), jnp.ones_like(first[0])
     at_low, at_high = slope(low), slope(high)
@@ -70,16 +77,21 @@ def _minimiser(first: Local, way: Local, half: Half, weight: float) -> Each:
 
 def _parting(first: Local, last: Local, half: Half) -> Each:
     """Largest gap along the axes that can part a segment from a box, negative where they overlap."""
-    low, high = jnp.minimum(first, last), jnp.maximum(first, last)
-    gap = jnp.max(jnp.maximum(low - half, -high - half), axis=0)
-    way = last - first
-    for i in range(len(way)):
-        for j in range(i + 1, len(way)):
-            # Normal to the segment and, in space, to the axis that is neither i nor j.
-            square = way[i] ** 2 + way[j] ** 2
-            still = square == 0
-            size = jnp.sqrt(jnp.where(still, 1.0, square))
-            across = _size(way[i] * first[j] - way[j] * first[i])
-            reach = jnp.abs(way[i]) * half[j] + jnp.abs(way[j]) * half[i]
-            gap = jnp.maximum(gap, jnp.where(still, -jnp.inf, (across - reach) / size))
+    axes = range(len(first))
+    middle, way = (first + last) / 2, last - first
+    # Of the segment and the box together, along each axis.
+    gap = reduce(_larger, [_size(middle[k]) - _size(way[k]) / 2 - half[k] for k in axes])
+    for i, j in combinations(axes, 2):
+        # Normal to the segment and, in space, to the axis that is neither i nor j.
+        square = way[i] ** 2 + way[j] ** 2
+        still = square == 0
+        size = jnp.sqrt(jnp.where(still, 1.0, square))
+        across = _size(way[i] * first[j] - way[j] * first[i])
+        reach = _size(way[i]) * half[j] + _size(way[j]) * half[i]
+        gap = _larger(gap, jnp.where(still, -jnp.inf, (across - reach) / size))
     return gap
+
+
+def _larger(a: Each, b: Each) -> Each:
+    # A choice, not `jnp.maximum`, whose gradient is split at ties: fewer kernels.
+    return jnp.where(a >= b, a, b)

@@ -16,6 +16,7 @@ from deggflow.step_guard import StepGuard
 
 from .condition import FleetArrays
 from .modes import OWN, best_response, own_costs
+from .paths import modes_of, to_path
 from .requirements import Crowding
 from .timing import timed
 
@@ -61,6 +62,25 @@ def predictions(
     return jax.vmap(one)(noise)
 
 
+def chosen_of(
+    candidates: Float[Array, "candidates agents dim"],
+    costs: Float[Array, "candidates agents"],
+    draw: Draw,
+) -> States:
+    """The path of each robot out of its candidates at all timings; a robot that keeps its path has no others."""
+    start, goal = draw.arrays.start, draw.arrays.goal
+    plain = jax.vmap(lambda z: to_path(z, start, goal))(candidates)
+    paths = timed(plain, draw.arrays)
+    paths = jnp.where(draw.keeps[None, None, :, None, None], plain[None], paths)
+    costs = jnp.tile(costs, (len(paths), 1))
+    chosen = best_response(paths.reshape(-1, *plain.shape[1:]), costs.T, draw.arrays)
+    timing, candidate = jnp.divmod(chosen, len(candidates))
+    robots = jnp.arange(len(chosen))
+    as_it_is = (timing == 0) | draw.keeps
+    other = modes_of(paths[timing, candidate, robots], start, goal)
+    return jnp.where(as_it_is[:, None], candidates[candidate, robots], other)
+
+
 class ChosenThenGuided:
     """A program for `Sampler`: nominal plans and routes, each robot's choice of path and timing, guidance from there."""
 
@@ -88,10 +108,7 @@ class ChosenThenGuided:
             # Timings change what a robot violates alone but little: they keep to its way and its speed limit.
             costs = OWN * own_costs(plain, draw.arrays, self.crowding)
             costs = costs.T.at[len(nominal) :].add(draw.handicap[None])
-            paths = timed(plain, draw.arrays)
-            paths = jnp.where(draw.keeps[None, None, :, None], plain[None], paths)
-            costs = jnp.tile(costs, (len(paths), 1))
-            return best_response(paths.reshape(-1, *plain.shape[1:]), costs.T, draw.arrays)
+            return chosen_of(plain, costs, draw)
 
         z0 = jax.vmap(start)(noise, draws)
         return masked_batch(still, guidance, z0, draws.arrays, grid, EVERY_STEP, guard, keep_trace)

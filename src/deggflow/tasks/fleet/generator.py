@@ -30,7 +30,8 @@ from .requirements import Crowding, fleet_guidance
 from .verdict import Verdict, judge
 
 STEPS = 100
-GUARD = StepGuard(halvings=2)
+GUARD = StepGuard(halvings=2, width=8)
+CHOICES = 2  # how often the robots of a draw choose; again only those that miss something
 ANEW = 4  # every so many draws, all robots draw new paths
 ROUTES = 3  # short ways of each robot
 HANDICAP = 20.0  # of these ways, in V over the square of its buffer
@@ -55,6 +56,13 @@ class Batch(NamedTuple):
     diverged: list[bool]
     records: list[GenerationRecord | None]
 
+    def put(self, places: Int[np.ndarray, " part"], part: "Batch") -> None:
+        """Puts the plans of another batch into some places."""
+        self.z[places] = part.z
+        for own, other in zip(self[1:], part[1:], strict=True):
+            for place, value in zip(places, other, strict=True):
+                own[place] = value
+
 
 class Starts(NamedTuple):
     """What the robots of some plans begin with besides paths of the field; as of `Draw`.
@@ -70,6 +78,19 @@ class Starts(NamedTuple):
     keeps: Bool[np.ndarray, "plans agents"]
     routes: Float[np.ndarray, "plans routes agents dim"]
     handicap: Float[np.ndarray, "plans agents"]
+
+    def of(self, rows: Int[np.ndarray, " rows"]) -> "Starts":
+        """Those of some plans."""
+        return Starts(*(each[rows] for each in self))
+
+    def keep(
+        self,
+        rows: Int[np.ndarray, " rows"],
+        z: Float[np.ndarray, "rows agents dim"],
+        keeps: Bool[np.ndarray, "rows agents"],
+    ) -> None:
+        """Sets what the robots of some plans have and keep."""
+        self.kept[rows], self.keeps[rows] = z, keeps
 
     @classmethod
     def none(cls, plans: int, agents: int) -> "Starts":
@@ -162,7 +183,7 @@ class FleetGenerator:
     ) -> list[Plan]:
         """Plans with certificates. Where a draw fails, robots that miss a requirement draw again, the others keep their paths.
 
-        Robots begin with one of the field's nominal paths, or, if all of these conflict with obstacles or other robots,
+        In each draw, robots that miss something after guidance choose once more among the paths that they have drawn. Robots begin with one of the field's nominal paths, or, if all of these conflict with obstacles or other robots,
         with one of a few short ways on a roadmap of its own, each of them now, later or sooner. Every other draw, robots
         that draw again begin with a short way in any case.
 
@@ -184,8 +205,7 @@ class FleetGenerator:
                 starts.keeps[rows] = False
             if self.chooses:
                 self._set_routes(starts, index, subset, (seed, first, number))
-            batch = self.batch(noise, subset, Starts(*(each[rows] for each in starts)))
-            starts.kept[rows], starts.keeps[rows] = batch.z, _unblocked(batch, agents)
+            batch = self._chosen_and_guided(noise, subset, starts, rows)
             plans = _certified(batch, subset, seed)
             for one, plan in zip(numbers, plans, strict=True):
                 on_draw(int(one), with_draws(plan, number + 1))
@@ -195,6 +215,30 @@ class FleetGenerator:
             ]
 
         return finished(redraw_until_satisfied(attempt, len(conditions), max_draws))
+
+    def _chosen_and_guided(
+        self,
+        noise: Float[np.ndarray, "plans candidates agents dim"],
+        conditions: Sequence[FleetCondition],
+        starts: Starts,
+        rows: Int[np.ndarray, " plans"],
+    ) -> Batch:
+        """One draw of some rows of `starts`, where it leaves what robots have then.
+
+        Robots that miss a requirement after guidance choose again among the same paths, against those of the others as they
+        are by then, and guidance acts once more.
+        """
+        agents = starts.kept.shape[1]
+        batch = self.batch(noise, conditions, starts.of(rows))
+        starts.keep(rows, batch.z, _unblocked(batch, agents))
+        for _ in range(CHOICES - 1 if self.chooses else 0):
+            left = np.flatnonzero([not verdict.satisfied for verdict in batch.verdicts])
+            if not len(left):
+                break
+            again = self.batch(noise[left], [conditions[k] for k in left], starts.of(rows[left]))
+            starts.keep(rows[left], again.z, _unblocked(again, agents))
+            batch.put(left, again)
+        return batch
 
     def _set_routes(
         self,

@@ -10,7 +10,6 @@ from deggflow.guidance.sums import SumOfMargins
 from deggflow.shapes import Scalar, States
 
 from .condition import APART, FleetArrays
-from .paths import to_path
 from .requirements import BUFFER, Crowding, plan_requirement
 
 SWEEPS = 4
@@ -91,13 +90,13 @@ class _Choice(NamedTuple):
 
 
 def best_response(
-    candidates: Candidates, costs: Float[Array, "agents candidates"], condition: FleetArrays
-) -> States:
-    """One path of each robot, out of its candidates, each of which costs so much without the others.
+    paths: Float[Array, "candidates agents 64 2"],
+    costs: Float[Array, "agents candidates"],
+    condition: FleetArrays,
+) -> Int[Array, " agents"]:
+    """Number of the path that each robot takes, out of candidates each of which costs so much without the others.
 
     A robot must know the present choice of every other robot, and its own candidates.
     """
     reach = APART * condition.radius + BUFFER
-    paths = jax.vmap(lambda z: to_path(z, condition.start, condition.goal))(candidates)
-    chosen = choose(costs, jnp.moveaxis(paths, 0, 1), reach, condition.mask)
-    return jnp.take_along_axis(candidates, chosen[None, :, None], axis=0)[0]
+    return choose(costs, jnp.moveaxis(paths, 0, 1), reach, condition.mask)

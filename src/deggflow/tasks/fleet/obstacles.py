@@ -39,20 +39,18 @@ class Obstacles(AbstractObstacle):
         if self.few_discs:
             return self._of_discs(first, last, reach, eps)
         table = jnp.concatenate([self.centre.T, self.half.T, self.radius[None]])
-        middle = jax.lax.stop_gradient((first + last) / 2)
-        gap = self._distances(middle)
-        values = []
+        gap = self._distances(jax.lax.stop_gradient((first + last) / 2))
+        number, values = jnp.arange(len(self.radius))[:, None, None], []
         for k in range(min(self.nearest, len(self.radius))):
-            index = jnp.argmin(gap, axis=0)
-            chosen = jax.nn.one_hot(index, len(self.radius), axis=0, dtype=x.dtype)
-            centre_x, centre_y, half_x, half_y, radius = jnp.tensordot(
-                table, chosen, 1, precision=jax.lax.Precision.HIGHEST
-            )
+            # By two minima: XLA's CPU backend computes `argmin` one element at a time.
+            is_least = gap <= jnp.min(gap, axis=0)[None]
+            index = jnp.min(jnp.where(is_least, number, len(self.radius) - 1), axis=0)
+            centre_x, centre_y, half_x, half_y, radius = table[:, index]
             centre, half = jnp.stack([centre_x, centre_y]), jnp.stack([half_x, half_y])
             ends = (first - centre)[:, None], (last - centre)[:, None]
             values.append(box.segment_repulsion(*ends, half[:, None], reach + radius[None], eps))
             if k + 1 < self.nearest:
-                gap = jnp.where(chosen > 0, jnp.inf, gap)
+                gap = jnp.where(number == index[None], jnp.inf, gap)
         return jnp.concatenate(values)
 
     def _of_discs(self, first: Positions, last: Positions, reach: Any, eps: float) -> Each:

@@ -1,5 +1,7 @@
 """States of robots: whitened sine modes of a path about the straight line from start to goal."""
 
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -23,6 +25,16 @@ BASIS = _basis()  # orthonormal on the inner waypoints, zero at the ends
 _SHARE = (np.arange(WAYPOINTS) / (WAYPOINTS - 1))[:, None]  # of the way from start to goal
 
 
+def _line(
+    start: Float[Array | np.ndarray, "*agents 2"],
+    goal: Float[Array | np.ndarray, "*agents 2"],
+    dtype: Any,
+) -> Float[Array, "*agents 64 2"]:
+    """Straight lines at an even pace."""
+    share = jnp.asarray(_SHARE.reshape(*(1,) * (start.ndim - 1), WAYPOINTS, 1), dtype)
+    return (1 - share) * start[..., None, :] + share * goal[..., None, :]
+
+
 def to_path(
     z: Float[Array | np.ndarray, "*agents 124"],
     start: Float[Array | np.ndarray, "*agents 2"],
@@ -35,9 +47,26 @@ def to_path(
         Array([1., 0.], dtype=float32)
     """
     weights = jnp.asarray(BASIS * SCALES, z.dtype)
-    share = jnp.asarray(_SHARE.reshape(*(1,) * (z.ndim - 1), WAYPOINTS, 1), z.dtype)
-    line = (1 - share) * start[..., None, :] + share * goal[..., None, :]
-    return line + jnp.einsum("tk,...kd->...td", weights, z.reshape(*z.shape[:-1], MODES, 2))
+    return _line(start, goal, z.dtype) + jnp.einsum(
+        "tk,...kd->...td", weights, z.reshape(*z.shape[:-1], MODES, 2)
+    )
+
+
+def modes_of(
+    path: Float[Array, "*agents 64 2"],
+    start: Float[Array, "*agents 2"],
+    goal: Float[Array, "*agents 2"],
+) -> Float[Array, "*agents 124"]:
+    """States of paths, the inverse of `to_path`.
+
+    Example:
+        >>> z = jnp.arange(124.0) / 124
+        >>> bool(jnp.allclose(modes_of(to_path(z, z[:2], z[2:4]), z[:2], z[2:4]), z, atol=1e-4))
+        True
+    """
+    weights = jnp.asarray(BASIS.T / SCALES[:, None], path.dtype)
+    modes = jnp.einsum("kt,...td->...kd", weights, path - _line(start, goal, path.dtype))
+    return modes.reshape(*path.shape[:-2], DIM)
 
 
 def exact_path(
@@ -59,7 +88,7 @@ def exact_path(
 
 
 def to_modes(path: Float[np.ndarray, "*agents 64 2"]) -> Float[np.ndarray, "*agents 124"]:
-    """States of paths, the inverse of `to_path`.
+    """States of paths in float64, the inverse of `exact_path`.
 
     Example:
         >>> path = np.random.default_rng(0).normal(size=(3, 64, 2))
