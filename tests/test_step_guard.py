@@ -1,5 +1,7 @@
 """Schemes against Diffrax; guarded steps against the bounds they promise; agents that stop."""
 
+from functools import partial
+
 import diffrax
 import jax
 import jax.numpy as jnp
@@ -16,8 +18,10 @@ from deggflow import (
     SharedRequirements,
     distances,
     generate,
+    generate_batch,
     refined_grid,
 )
+from deggflow.drift import EVERY_STEP, Held
 from deggflow.solver import EULER, HEUN, RK4
 from deggflow.step_guard import StepGuard
 
@@ -120,6 +124,33 @@ def test_every_accepted_point_is_below_its_limit_or_counted(solver):
     # V(z(1)) <= buffer^2 / 2: every margin holds.
     least = jax.vmap(lambda z: jnp.min(margins(z, None)))(out.z)
     assert np.all(np.asarray(least)[kept] >= -1e-6)
+
+
+@pytest.mark.parametrize("drift", [EVERY_STEP, Held(3)], ids=["one macro step", "macro steps"])
+def test_samples_in_turn_are_those_of_a_whole_batch(drift, key):
+    """Some take many more steps than others; the next in line takes the place of one that is done."""
+    first, second = jax.random.split(key)
+    z0 = 2.0 * jax.random.normal(first, (11, AGENTS, 2))
+    swirl = jax.random.normal(second, (11, 2, 2))
+
+    @partial(jax.jit, static_argnames="width")
+    def ends(z0, swirl, width):
+        how = {"grid": refined_grid(12), "drift": drift, "guard": StepGuard(6, width)}
+        return generate_batch(crowd, DecoupledGuidance((apart,)), z0, swirl, **how)
+
+    with jax.enable_x64(True):
+        wide = jnp.asarray(z0, jnp.float64), jnp.asarray(swirl, jnp.float64)
+        whole, in_turn = ends(*wide, None), ends(*wide, 3)
+    evaluations = np.asarray(whole.work.evaluations)
+    assert evaluations.max() > 1.5 * evaluations.min()
+    np.testing.assert_array_equal(in_turn.work.evaluations, evaluations)
+    np.testing.assert_allclose(in_turn.z, whole.z, atol=1e-9)
+    np.testing.assert_allclose(in_turn.trace.value, whole.trace.value, atol=1e-9)
+
+
+def test_a_width_is_positive():
+    with pytest.raises(ValueError, match="`width` must be at least 1, or None; got 0"):
+        StepGuard(width=0)
 
 
 def test_a_stiff_factor_is_kept_where_fixed_steps_break_it():

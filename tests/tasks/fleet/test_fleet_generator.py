@@ -36,6 +36,12 @@ def generator():
 CONDITIONS = random_conditions(3, 4, "empty", "random", seed=2)
 
 
+def impossible():
+    """Two robots begin too near to each other."""
+    near = (Robot((0.0, 0.0), (0.5, 0.0)), Robot((0.05, 0.0), (0.0, 0.5)))
+    return FleetCondition("empty", (*near, Robot((-0.5, -0.5), (-0.5, 0.5))))
+
+
 def test_plans_are_certified_and_repeatable(generator):
     plans = generator.plans(CONDITIONS, seed=1, max_draws=4)
     for plan in plans:
@@ -47,10 +53,33 @@ def test_plans_are_certified_and_repeatable(generator):
     np.testing.assert_allclose(rest[0].paths, plans[1].paths, atol=1e-4)
 
 
+def test_robots_that_miss_something_choose_again(generator, monkeypatch):
+    """Against what the others have by then, from the same z(0); those that miss nothing keep their paths."""
+    conditions = [*CONDITIONS[:2], impossible(), *CONDITIONS[2:]]
+    calls, batch = [], FleetGenerator.batch
+
+    def watched(self, noise, conditions, starts, among):
+        calls.append((noise, starts, batch(self, noise, conditions, starts, among)))
+        return calls[-1][-1]
+
+    monkeypatch.setattr(FleetGenerator, "batch", watched)
+    plans = generator.plans(conditions, seed=1)
+    (noise, _, first), (again, starts, second) = calls
+    left = [k for k, verdict in enumerate(first.verdicts) if not verdict.satisfied]
+    assert 0 < len(left) < len(plans)
+    np.testing.assert_array_equal(again, noise[left])
+    np.testing.assert_array_equal(starts.kept, first.z[left])
+    for row, k in enumerate(left):
+        blocked = set(first.verdicts[k].blocked)
+        assert set(np.flatnonzero(~starts.keeps[row])) == blocked
+        np.testing.assert_array_equal(plans[k].paths, second.paths[row])
+        assert plans[k].certificate.draws == 1
+    for k in set(range(len(plans))) - set(left):
+        np.testing.assert_array_equal(plans[k].paths, first.paths[k])
+
+
 def test_what_is_impossible_is_blamed_on_its_robots(generator):
-    near = (Robot((0.0, 0.0), (0.5, 0.0)), Robot((0.05, 0.0), (0.0, 0.5)))
-    condition = FleetCondition("empty", (*near, Robot((-0.5, -0.5), (-0.5, 0.5))))
-    (plan,) = generator.plans([condition], seed=1, max_draws=2)
+    (plan,) = generator.plans([impossible()], seed=1, max_draws=2)
     assert not plan.certificate.satisfied
     assert plan.certificate.draws == 2
     assert plan.verdict().blocked == (0, 1)

@@ -86,7 +86,7 @@ def test_segments_against_polygons():
     rng = np.random.default_rng(0)
     first, last = rng.uniform(-1, 1, (2, 3000, 2))
     ring = np.array(NOTCHED)
-    found = segment_from_ring(first, last, ring)
+    found = segment_from_ring(first, last, ring[None])
     lines = shapely.linestrings(np.stack([first, last], axis=1))
     exact = shapely.distance(lines, Polygon(ring))
     np.testing.assert_allclose(np.maximum(found, 0), exact, atol=1e-12)

@@ -8,6 +8,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from deggflow.blocks import blocks, map_blocks
 from deggflow.certificate import Certificate, GenerationRecord
 from deggflow.divergence import REASON, has_diverged
 from deggflow.drift import ExtrapolatedEndpoint
@@ -59,9 +60,9 @@ class Batch(NamedTuple):
     def put(self, places: Int[np.ndarray, " part"], part: "Batch") -> None:
         """Puts the plans of another batch into some places."""
         self.z[places] = part.z
-        for own, other in zip(self[1:], part[1:], strict=True):
-            for place, value in zip(places, other, strict=True):
-                own[place] = value
+        for name in self._fields[1:]:
+            for place, value in zip(places, getattr(part, name), strict=True):
+                getattr(self, name)[place] = value
 
 
 class Starts(NamedTuple):
@@ -153,14 +154,19 @@ class FleetGenerator:
         noise: Float[np.ndarray, "plans candidates agents dim"],
         conditions: Sequence[FleetCondition],
         starts: Starts | None = None,
+        among: Sequence[FleetCondition] | None = None,
     ) -> Batch:
-        """One draw of each condition from given z(0), and from other paths where there are any."""
+        """One draw of each condition from given z(0), and from other paths where there are any.
+
+        `among`: more conditions that the same compiled program serves, as this depends on the floors.
+        """
         z = np.zeros((len(conditions), *noise.shape[2:]), np.float32)
         records: list[GenerationRecord | None] = [None] * len(conditions)
         starts = Starts.none(*z.shape[:2]) if starts is None else starts
-        of = crowding(conditions)
+        among = conditions if among is None else among
+        of = crowding(among)
         guidance: AbstractGuidance = fleet_guidance(of) if self.guided else NoGuidance()
-        sizes = padding(conditions)._replace(agents=noise.shape[2])
+        sizes = padding(among)._replace(agents=noise.shape[2])
         rows: Any = starts
         draw = Draw(to_arrays(conditions, sizes), *rows)
         generation = self._sampler(of).draw(guidance, noise, draw)
@@ -183,9 +189,10 @@ class FleetGenerator:
     ) -> list[Plan]:
         """Plans with certificates. Where a draw fails, robots that miss a requirement draw again, the others keep their paths.
 
-        In each draw, robots that miss something after guidance choose once more among the paths that they have drawn. Robots begin with one of the field's nominal paths, or, if all of these conflict with obstacles or other robots,
-        with one of a few short ways on a roadmap of its own, each of them now, later or sooner. Every other draw, robots
-        that draw again begin with a short way in any case.
+        Robots begin with one of the field's nominal paths, or, if all of these conflict with obstacles or other robots,
+        with one of a few short ways on a roadmap of its own, each of them now, later or sooner. In every draw, robots that
+        miss something after guidance choose once more among the paths that they have drawn. Every other draw, robots that
+        draw again begin with a short way in any case.
 
         Args:
             conditions: What to generate.
@@ -197,18 +204,22 @@ class FleetGenerator:
         agents = padding(conditions).agents
         starts = Starts.none(len(conditions), agents)
 
-        def attempt(index: Sequence[int], number: int) -> list[Candidate[Plan]]:
-            rows = np.array(index)
-            subset, numbers = [conditions[k] for k in index], rows + first
-            noise = initial_noise(seed, numbers, number, agents, self.candidates)
+        def draw(rows: Int[np.ndarray, " plans"], number: int) -> list[Plan]:
+            noise = initial_noise(seed, rows + first, number, agents, self.candidates)
             if number % ANEW == 0:
                 starts.keeps[rows] = False
             if self.chooses:
-                self._set_routes(starts, index, subset, (seed, first, number))
-            batch = self._chosen_and_guided(noise, subset, starts, rows)
-            plans = _certified(batch, subset, seed)
-            for one, plan in zip(numbers, plans, strict=True):
-                on_draw(int(one), with_draws(plan, number + 1))
+                self._set_routes(starts, rows.tolist(), conditions, (seed, first, number))
+            batch = self._chosen_and_guided(noise, conditions, starts, rows)
+            return _certified(batch, [conditions[k] for k in rows], seed)
+
+        def attempt(index: Sequence[int], number: int) -> list[Candidate[Plan]]:
+            # While one block is judged, another is guided: a verdict takes no more than one core.
+            parts = [np.asarray(index)[rows] for rows in blocks(len(index))]
+            of_blocks = map_blocks(lambda rows: draw(rows, number), parts, compiled=number > 0)
+            plans = [plan for block in of_blocks for plan in block]
+            for k, plan in zip(index, plans, strict=True):
+                on_draw(k + first, with_draws(plan, number + 1))
             return [
                 Candidate(plan, plan.certificate.satisfied, -plan.certificate.violation)
                 for plan in plans
@@ -218,26 +229,29 @@ class FleetGenerator:
 
     def _chosen_and_guided(
         self,
-        noise: Float[np.ndarray, "plans candidates agents dim"],
+        noise: Float[np.ndarray, "rows candidates agents dim"],
         conditions: Sequence[FleetCondition],
         starts: Starts,
-        rows: Int[np.ndarray, " plans"],
+        rows: Int[np.ndarray, " rows"],
     ) -> Batch:
-        """One draw of some rows of `starts`, where it leaves what robots have then.
+        """One draw of some of the plans; `starts` of these plans become what their robots have then.
 
         Robots that miss a requirement after guidance choose again among the same paths, against those of the others as they
         are by then, and guidance acts once more.
         """
-        agents = starts.kept.shape[1]
-        batch = self.batch(noise, conditions, starts.of(rows))
-        starts.keep(rows, batch.z, _unblocked(batch, agents))
+
+        def guided(part: Int[np.ndarray, " part"]) -> Batch:
+            of = rows[part]
+            batch = self.batch(noise[part], [conditions[k] for k in of], starts.of(of), conditions)
+            starts.keep(of, batch.z, _unblocked(batch, starts.kept.shape[1]))
+            return batch
+
+        batch = guided(np.arange(len(rows)))
         for _ in range(CHOICES - 1 if self.chooses else 0):
             left = np.flatnonzero([not verdict.satisfied for verdict in batch.verdicts])
             if not len(left):
                 break
-            again = self.batch(noise[left], [conditions[k] for k in left], starts.of(rows[left]))
-            starts.keep(rows[left], again.z, _unblocked(again, agents))
-            batch.put(left, again)
+            batch.put(left, guided(left))
         return batch
 
     def _set_routes(
@@ -249,12 +263,12 @@ class FleetGenerator:
     ) -> None:
         """Sets the routes of robots that keep no path; every other draw they take them whatever they cost."""
         seed, first, number = seeds
-        for k, condition in zip(index, conditions, strict=True):
-            robots = np.flatnonzero(~starts.keeps[k, : len(condition.robots)])
+        for k in index:
+            robots = np.flatnonzero(~starts.keeps[k, : len(conditions[k].robots)])
             if not len(robots):
                 continue
             rng = np.random.default_rng([seed, first + k, number])
-            ways = routes(condition, robots.tolist(), rng, ROUTES)
+            ways = routes(conditions[k], robots.tolist(), rng, ROUTES)
             starts.routes[k][:, robots] = to_modes(ways)
             starts.handicap[k, robots] = -NEVER if number % 2 else HANDICAP
 

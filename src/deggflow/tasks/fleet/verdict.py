@@ -8,10 +8,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from .condition import APART, FleetCondition
 from .maps import FloorMap
+
+PAIRS = 1_000_000  # of polygons and steps, looked at at once
 
 Paths = Float[np.ndarray, "robots 64 2"]
 Vectors = Float[np.ndarray, "... 2"]
@@ -111,30 +113,28 @@ def _crosses(a: Vectors, b: Vectors, c: Vectors, d: Vectors) -> np.ndarray:
 def segment_from_ring(
     first: Float[np.ndarray, "steps 2"],
     last: Float[np.ndarray, "steps 2"],
-    ring: Float[np.ndarray, "corners 2"],
+    ring: Float[np.ndarray, "#steps corners 2"],
 ) -> Float[np.ndarray, " steps"]:
-    """Distance of segments to a simple polygon: at most zero where they meet it, by the depth of the deeper end."""
-    a, b = ring, np.roll(ring, -1, axis=0)
+    """Distance of segments to simple polygons: at most zero where they meet, by the depth of the deeper end."""
+    a, b = ring, np.roll(ring, -1, axis=1)
     start, end = first[:, None], last[:, None]
     near = np.minimum(point_from_segment(start, a, b), point_from_segment(end, a, b))
     near = np.minimum(near, point_from_segment(a, start, end)).min(axis=1)
     depth = np.full(len(first), -1.0)
     for point in (first, last):
         edge = point_from_segment(point[:, None], a, b).min(axis=1)
-        depth = np.maximum(depth, np.where(_contains(ring, point), edge, -1.0))
+        depth = np.maximum(depth, np.where(_contains(a, b, point), edge, -1.0))
     meets = _crosses(start, end, a, b).any(axis=1) | (depth >= 0)
     return np.where(meets, -np.maximum(depth, 0.0), near)
 
 
-def _contains(
-    ring: Float[np.ndarray, "corners 2"], point: Float[np.ndarray, "steps 2"]
-) -> np.ndarray:
-    """Whether a ray to the right passes an odd number of edges."""
-    a, b = ring, np.roll(ring, -1, axis=0)
+def _contains(a: Vectors, b: Vectors, point: Float[np.ndarray, "steps 2"]) -> np.ndarray:
+    """Whether a ray to the right passes an odd number of edges a-b."""
     x, y = point[:, None, 0], point[:, None, 1]
-    over = (a[:, 1] > y) != (b[:, 1] > y)
-    rise = np.where(a[:, 1] == b[:, 1], 1.0, b[:, 1] - a[:, 1])
-    return ((over & (x < a[:, 0] + (y - a[:, 1]) / rise * (b[:, 0] - a[:, 0]))).sum(1) % 2) == 1
+    over = (a[..., 1] > y) != (b[..., 1] > y)
+    rise = np.where(a[..., 1] == b[..., 1], 1.0, b[..., 1] - a[..., 1])
+    right = x < a[..., 0] + (y - a[..., 1]) / rise * (b[..., 0] - a[..., 0])
+    return ((over & right).sum(1) % 2) == 1
 
 
 class _Margins(NamedTuple):
@@ -158,27 +158,48 @@ def obstacle_rings(floor: FloorMap) -> list[Float[np.ndarray, "corners 2"]]:
 
 
 def _outside(condition: FleetCondition, paths: Paths) -> Iterator[_Margins]:
-    """Of every obstacle; boxes come first, then polygons, then discs. Only steps that can be the nearest are measured."""
+    """Of every obstacle, numbered with boxes first, then polygons, then discs."""
     floor, robots = condition.floor, len(paths)
     first, last = paths[:, :-1].reshape(-1, 2), paths[:, 1:].reshape(-1, 2)
     robot, step = np.divmod(np.arange(len(first)), paths.shape[1] - 1)
-    half = _norm(last - first) / 2
-    middle = (first + last) / 2
-    for k, ring in enumerate(obstacle_rings(floor)):
-        low, high = ring.min(0), ring.max(0)
-        # A lower bound, by the box around the obstacle, and one upper bound of the least distance.
-        bound = _norm(np.maximum(np.maximum(low - middle, middle - high), 0.0)) - half
-        nearest = int(bound.argmin())
-        least = segment_from_ring(first[nearest][None], last[nearest][None], ring)[0]
-        part = np.flatnonzero(bound <= max(least, condition.radius))
-        margin = segment_from_ring(first[part], last[part], ring) - condition.radius
-        yield _Margins("outside", margin, robot[part], np.full(len(part), k), step[part])
-    count = len(floor.boxes) + len(floor.polygons)
-    for k, (x, y, radius) in enumerate(floor.discs):
+    rings = obstacle_rings(floor)
+    for numbers in _together(rings, len(first)):
+        group = np.array([rings[k] for k in numbers])
+        ring, part, distance = _nearest_steps(first, last, group, condition.radius)
+        margin = distance - condition.radius
+        yield _Margins("outside", margin, robot[part], numbers[ring], step[part])
+    for k, (x, y, radius) in enumerate(floor.discs, start=len(rings)):
         near = point_from_segment(np.array([x, y]), first, last)
         margin = near - radius - condition.radius
-        yield _Margins("outside", margin, robot, np.full(len(first), count + k), step)
+        yield _Margins("outside", margin, robot, np.full(len(first), k), step)
     assert robots
+
+
+def _together(
+    rings: Sequence[Float[np.ndarray, "_ 2"]], steps: int
+) -> Iterator[Int[np.ndarray, " _"]]:
+    """Numbers of polygons with equally many corners, not too many at once."""
+    corners = np.array([len(ring) for ring in rings], int)
+    for count in np.unique(corners):
+        numbers = np.flatnonzero(corners == count)
+        yield from np.array_split(numbers, -(-len(numbers) * steps // PAIRS))
+
+
+def _nearest_steps(
+    first: Float[np.ndarray, "steps 2"],
+    last: Float[np.ndarray, "steps 2"],
+    rings: Float[np.ndarray, "rings corners 2"],
+    reach: float,
+) -> tuple[Int[np.ndarray, " pairs"], Int[np.ndarray, " pairs"], Float[np.ndarray, " pairs"]]:
+    """Polygons, segments and their distances, of all pairs that are within reach or can be the nearest of a polygon."""
+    half, middle = _norm(last - first) / 2, (first + last) / 2
+    low, high = rings.min(1)[:, None], rings.max(1)[:, None]
+    # A lower bound, by the box around the polygon, and one upper bound of the least distance.
+    bound = _norm(np.maximum(np.maximum(low - middle, middle - high), 0.0)) - half
+    nearest = bound.argmin(1)
+    least = segment_from_ring(first[nearest], last[nearest], rings)
+    ring, part = np.nonzero(bound <= np.maximum(least, reach)[:, None])
+    return ring, part, segment_from_ring(first[part], last[part], rings[ring])
 
 
 def _margins(condition: FleetCondition, paths: Paths) -> Iterator[_Margins]:
