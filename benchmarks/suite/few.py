@@ -3,7 +3,7 @@
 import importlib.util
 from collections.abc import Iterator
 
-from deggflow.drift import EveryStep, Extrapolated
+from deggflow.drift import EveryStep
 from deggflow.flow import Field
 from deggflow.tasks.bridge.field import load_field as load_bridge
 from deggflow.tasks.bridge.policies import PolicyGenerator
@@ -60,11 +60,12 @@ def _of_pytorch(patience: Patience, quick: bool) -> Iterator[Row]:
         yield Row("few/torch", where, note="not installed")
         return
     field, guidance = _large_torch_field(), tabletop_guidance()
-    few = Extrapolated(EVALUATIONS)
     generators = {
         "nominal": TabletopGenerator(field, steps=EVALUATIONS, power=1.5),
-        "guided": TabletopGenerator(field, guidance, steps=STEPS, drift=few),
-        "guided, field at every step": TabletopGenerator(field, guidance, steps=STEPS),
+        "guided": TabletopGenerator(field, guidance, steps=STEPS),
+        "guided, field at every step": TabletopGenerator(
+            field, guidance, steps=STEPS, drift=EveryStep()
+        ),
     }
     calls = {f"few/torch/{name}": scene_call(one, SIZE, batch) for name, one in generators.items()}
     nominal = next(iter(calls))
