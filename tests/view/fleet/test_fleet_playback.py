@@ -1,6 +1,9 @@
 """Robots that follow plans in MuJoCo: models, motions and what is said of them, measured without the code that drives them."""
 
+import os
 import re
+import subprocess
+import sys
 
 import mujoco
 import numpy as np
@@ -219,3 +222,15 @@ def test_a_model_a_line_and_a_video_are_written(tmp_path, monkeypatch):
     assert all((tmp_path / name).stat().st_size > 1000 for name in written)
     mujoco.MjModel.from_xml_path(str(tmp_path / "plan_0003.xml"))
     assert said[0].startswith("Plan 3: omnidirectional robots in MuJoCo are never more than ")
+
+
+@pytest.mark.parametrize("choice", ["disable", "osmesa", "glfw"])
+def test_dynamics_need_no_opengl(choice):
+    """Of these, MuJoCo cannot even be imported with some, where their libraries are missing."""
+    code = (
+        "from deggflow.view.stage import import_physics; m = import_physics(); "
+        "m.mj_step(model := m.MjModel.from_xml_string('<mujoco/>'), m.MjData(model))"
+    )
+    environment = {**os.environ, "MUJOCO_GL": choice}
+    environment.pop("DISPLAY", None)
+    subprocess.run([sys.executable, "-c", code], check=True, env=environment)
