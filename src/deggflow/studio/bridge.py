@@ -22,8 +22,8 @@ from deggflow.tasks.bridge.scenes import random_conditions
 from deggflow.tasks.bridge.task import trial_generator
 from deggflow.tasks.bridge.trial import Trial
 from deggflow.tasks.bridge.verdict import bridges, margins
-from deggflow.view.bridge.parts import ACCENTS
 from deggflow.view.bridge.results import regenerate
+from deggflow.view.colours import ACCENTS
 
 from .bridge_exports import TRIAL_EXPORTS
 from .bridge_margins import least_margins

@@ -6,6 +6,13 @@ Red stands for what is wrong, and for nothing else.
 Colour = tuple[float, float, float]
 
 FAULT = "#d4201f"
+# After Okabe and Ito (2008) and Tol (2021), told apart by colour-blind readers; without their reds.
+ACCENTS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#6a4c93", "#b5a642", "#4d4d4d")
+
+
+def accent(robot: int) -> Colour:
+    """Colour of a robot and of its goal; robots are counted from 0."""
+    return rgb(ACCENTS[robot % len(ACCENTS)])
 
 
 def rgb(code: str) -> Colour:

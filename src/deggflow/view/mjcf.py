@@ -5,7 +5,25 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
+import numpy as np
+
 from .solids import Point, Solid, frustum_corners
+
+EDGE = 1.02  # how much larger than what they have to hold pictures of fitted cameras are
+
+
+class Direction(NamedTuple):
+    """Where a camera looks from.
+
+    Attributes:
+        elevation: Above the ground, rad; pi / 2 looks down.
+        azimuth: From the front (0) to the right, rad.
+        fovy: Vertical field of view, deg.
+    """
+
+    elevation: float
+    azimuth: float
+    fovy: float
 
 
 class ModelFile(NamedTuple):
@@ -73,6 +91,35 @@ def add_camera(
     """A camera by its place, the directions that its pictures have, and its field of view (deg)."""
     camera = SubElement(world, "camera", name=name, pos=numbers(place), fovy=numbers([fovy]))
     camera.set("xyaxes", numbers([*right, *up]))
+
+
+def add_fitted_camera(
+    world: Element, name: str, direction: Direction, low: Point, high: Point, aspect: float
+) -> None:
+    """A camera just so far away that its picture holds a box.
+
+    Args:
+        world: Which the camera belongs to.
+        name: Of the camera.
+        direction: From which it looks.
+        low: Least coordinates of the box, m.
+        high: Largest coordinates of the box, m.
+        aspect: Width over height of the pictures.
+    """
+    se, sa = math.sin(direction.elevation), math.sin(direction.azimuth)
+    ce, ca = math.cos(direction.elevation), math.cos(direction.azimuth)
+    right, up = np.array([ca, sa, 0.0]), np.array([-sa * se, ca * se, ce])
+    axes = np.stack([right, up, np.cross(right, up)])
+    corners = np.array([[x, y, z] for x, y, z in np.ndindex(2, 2, 2)])
+    across, upward, back = axes @ (corners * np.subtract(high, low) + low).T
+    slope = math.tan(math.radians(direction.fovy) / 2) / EDGE
+    wide, tall = slope * aspect, slope
+    # Every corner lies in the picture: |across - x| <= wide (z - back), |upward - y| <= tall (z - back).
+    rightmost, leftmost = (across + wide * back).max(), (-across + wide * back).max()
+    highest, lowest = (upward + tall * back).max(), (-upward + tall * back).max()
+    distance = max((rightmost + leftmost) / (2 * wide), (highest + lowest) / (2 * tall))
+    place = np.array([(rightmost - leftmost) / 2, (highest - lowest) / 2, distance]) @ axes
+    add_camera(world, name, place, right, up, direction.fovy)
 
 
 def add_solid(

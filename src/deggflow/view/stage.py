@@ -196,3 +196,16 @@ def import_mujoco() -> Any:
     import mujoco
 
     return mujoco
+
+
+def import_physics() -> Any:
+    """MuJoCo for its dynamics alone, on machines without OpenGL, too."""
+    if gl_problem() is None:
+        return import_mujoco()
+    chosen = os.environ.get("MUJOCO_GL", "")
+    os.environ["MUJOCO_GL"] = "disable"
+    try:
+        import mujoco
+    finally:
+        os.environ["MUJOCO_GL"] = chosen
+    return mujoco

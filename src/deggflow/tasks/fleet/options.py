@@ -130,10 +130,24 @@ class FleetRender(options.RenderOptions):
     """What is drawn of each plan.
 
     Attributes:
-        video: Also write a video of the robots' motion.
+        video: Also write a video of the robots' motion, with --playback of that in MuJoCo.
+        playback: Robots with this drive follow each plan in MuJoCo's dynamics: write the model (MJCF), and say how closely
+            they do.
+        metres: Of a map unit, in a playback.
+        seconds: From a waypoint to the next, in a playback.
+        renderer: Of a playback's video; auto: MuJoCo where a GL library is found, else a top view by matplotlib.
     """
 
     video: bool = False
+    playback: Literal["omni", "differential"] | None = None
+    metres: float = 4.0
+    seconds: float = 1.0
+    renderer: Literal["auto", "mujoco", "matplotlib"] = "auto"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        options.check_range("metres", self.metres, 1e-3, 1e3, "m")
+        options.check_range("seconds", self.seconds, 0.05, 60.0, "s")
 
 
 OPTIONS = options.TaskOptions(

@@ -19,12 +19,12 @@ from deggflow.tasks.bridge.world import (
     Y_MIN,
 )
 from deggflow.view import mjcf
+from deggflow.view.colours import accent
 
 from .moment import PIT_DEPTH
 from .parts import (
     MARGIN_X,
     MARGIN_Y,
-    accent,
     plank,
     plank_outline,
     ring_mesh,
@@ -37,7 +37,6 @@ PLANK = "plank"  # name of its body
 _FOVY, _TOP_FOVY = 30.0, 8.0  # deg; the top camera looks from far away, almost in parallel rays
 _ELEVATION, _AZIMUTH = math.radians(58.0), math.radians(9.0)  # of the studio camera
 _HEADROOM = 0.25  # m above the ground that cameras keep in the picture
-_EDGE = 1.02  # how much larger than the ground the cameras' view is
 _SHADOW = (0.10, 0.08, 0.05, 0.22)  # rgba of what lies below a robot or the plank
 _FRINGE = 0.035  # m, how far the plank's shadow reaches beyond it
 
@@ -71,8 +70,12 @@ def bridge_mjcf(
     _add_meshes(model.assets)
     world = model.world
     mjcf.add_light(world, (-2.0, -4.0, 9.0), specular=0.0)
-    _add_camera(world, "studio", _ELEVATION, _AZIMUTH, _FOVY, aspect)
-    _add_camera(world, "top", math.pi / 2, 0.0, _TOP_FOVY, aspect)
+    low = X_MIN - MARGIN_X, Y_MIN - MARGIN_Y, -PIT_DEPTH
+    high = X_MAX + MARGIN_X, Y_MAX + MARGIN_Y, _HEADROOM
+    studio = mjcf.Direction(_ELEVATION, _AZIMUTH, _FOVY)
+    mjcf.add_fitted_camera(world, "studio", studio, low, high, aspect)
+    top = mjcf.Direction(math.pi / 2, 0.0, _TOP_FOVY)
+    mjcf.add_fitted_camera(world, "top", top, low, high, aspect)
     for solid in surroundings():
         mjcf.add_solid(world, solid)
     _add_goals(world, robot_goals, plank_goal)
@@ -80,27 +83,6 @@ def bridge_mjcf(
     for i in range(len(robot_goals)):
         _add_robot(world, i)
     return mjcf.model_text(model)
-
-
-def _add_camera(
-    world: Element, name: str, elevation: float, azimuth: float, fovy: float, aspect: float
-) -> None:
-    """A camera just so far away that its picture holds the grounds down to the pit's floor."""
-    (se, ce), (sa, ca) = _sin_cos(elevation), _sin_cos(azimuth)
-    right, up = np.array([ca, sa, 0.0]), np.array([-sa * se, ca * se, ce])
-    axes = np.stack([right, up, np.cross(right, up)])
-    low = np.array([X_MIN - MARGIN_X, Y_MIN - MARGIN_Y, -PIT_DEPTH])
-    high = np.array([X_MAX + MARGIN_X, Y_MAX + MARGIN_Y, _HEADROOM])
-    corners = np.array([[x, y, z] for x, y, z in np.ndindex(2, 2, 2)]) * (high - low) + low
-    across, upward, back = axes @ corners.T
-    slope = math.tan(math.radians(fovy) / 2) / _EDGE
-    wide, tall = slope * aspect, slope
-    # Every corner lies in the picture: |across - x| <= wide (z - back), |upward - y| <= tall (z - back).
-    rightmost, leftmost = (across + wide * back).max(), (-across + wide * back).max()
-    highest, lowest = (upward + tall * back).max(), (-upward + tall * back).max()
-    distance = max((rightmost + leftmost) / (2 * wide), (highest + lowest) / (2 * tall))
-    place = np.array([(rightmost - leftmost) / 2, (highest - lowest) / 2, distance]) @ axes
-    mjcf.add_camera(world, name, place, right, up, fovy)
 
 
 def _add_goals(
@@ -148,7 +130,3 @@ def _add_meshes(assets: Element) -> None:
     SubElement(
         assets, "mesh", name="goal_ring", vertex=mjcf.numbers(corners.ravel()), face=triangles
     )
-
-
-def _sin_cos(angle: float) -> tuple[float, float]:
-    return math.sin(angle), math.cos(angle)

@@ -13,9 +13,6 @@ from deggflow.view.solids import Solid, box_between, drum, turned
 from .moment import PIT_DEPTH, THICKNESS
 
 MARGIN_X, MARGIN_Y = 0.35, 0.6  # m of ground drawn beyond the workspace
-# After Okabe and Ito (2008) and Tol (2021), told apart by colour-blind readers; without their reds,
-# which stand for failure here.
-ACCENTS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#6a4c93", "#b5a642", "#4d4d4d")
 LOST = "#c9c9c9"  # of robots that were lost
 WOOD, DARK_WOOD = "#c4935a", "#8a6238"
 
@@ -27,11 +24,6 @@ _WOOD, _DARK_WOOD, _SEAM = rgb(WOOD), rgb(DARK_WOOD), rgb("#a67843")
 _DARK, _WHITE = rgb("#2b2f36"), rgb("#f7f6f2")
 _LIP, _STRATA = 0.03, 6  # m, thickness of the ground's upper sheet; shades of the pit's walls
 _RING_EDGES = 48
-
-
-def accent(robot: int) -> Colour:
-    """Colour of a robot and of its goal; robots are counted from 0."""
-    return rgb(ACCENTS[robot % len(ACCENTS)])
 
 
 @cache

@@ -9,12 +9,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Annulus, Circle, Polygon, Rectangle
 
 from deggflow.tasks.bridge import world
-from deggflow.view.colours import FAULT
+from deggflow.view.colours import ACCENTS, FAULT
 from deggflow.view.outlines import placed
 from deggflow.view.topview import figure_size, pixels, set_extent, topview_axes
 
 from .moment import THICKNESS, Moment
-from .parts import ACCENTS, DARK_WOOD, LOST, WOOD
+from .parts import DARK_WOOD, LOST, WOOD
 
 _GROUND, _GRID, _PIT, _BORDER = "#f4f2ec", "#e2dfd6", "#57524b", "#8f8878"
 _MARGIN = 0.3  # m around the workspace

@@ -96,3 +96,29 @@ def plan_figure(plan: Plan) -> Figure:
         colour = "#333333" if verdict.satisfied else FAULT
         axes.set_xlabel(text, color=colour, fontsize=7, wrap=True)
     return figure
+
+
+class MovingRobots:
+    """A plan's paths with its robots as discs that can be moved; those that miss a requirement are red."""
+
+    def __init__(self, plan: Plan, size: tuple[int, int] | None = None) -> None:
+        """Draws all that does not move.
+
+        Args:
+            plan: Whose robots move.
+            size: Width and height in pixels, if not those of a picture of a plan.
+        """
+        with look():
+            self._figure, axes = floor_axes(plan.condition.floor)
+            if size is not None:
+                self._figure.set_size_inches(size[0] / _DPI, size[1] / _DPI)
+            draw_paths(axes, plan.paths)
+            draw_ends(axes, plan)
+            self._discs = robot_patches(axes, plan)
+
+    def picture(self, places: Float[np.ndarray, "robots 2"]) -> UInt8[np.ndarray, "rows columns 3"]:
+        """With the robots' centres at some places, in map units."""
+        for disc, place in zip(self._discs, places, strict=True):
+            disc.set_center((float(place[0]), float(place[1])))
+        with look():
+            return pixels(self._figure)
