@@ -235,15 +235,15 @@ def _solved(
     A solution is exact up to the precision of its own size, which is much beside a small row. So once more, from
     where it led: the smallest step that makes good what rows lack there.
     """
-    u, feasible = problem.project(problem.offset)
-    u = _within(u, box)
     if problem.rows.shape[0] <= 2:
+        u, feasible = problem.project(problem.offset)
+        u = _within(u, box)
         step, _ = problem.project(_lack(problem, u)[0])
         return jnp.where(feasible, _within(u + step, box), u), feasible
 
     def short(state: _Passes) -> Bool[Array, ""]:
         _, feasible, lack, rounding, passes = state
-        return feasible & jnp.any(lack > 2 * rounding) & (passes < PASSES)
+        return (passes == 0) | (feasible & jnp.any(lack > 2 * rounding) & (passes <= PASSES))
 
     def once_more(state: _Passes) -> _Passes:
         u, _, lack, rounding, passes = state
@@ -251,7 +251,15 @@ def _solved(
         u = _within(u + step, box)
         return u, feasible, *_lack(problem, u), passes + 1
 
-    start = u, feasible, *_lack(problem, u), jnp.asarray(0)
+    # The solution itself is the first pass, from u = 0: what is compiled holds one projection instead of two.
+    rounding = jnp.zeros_like(problem.offset)
+    start = (
+        jnp.zeros_like(problem.rows[0]),
+        jnp.asarray(True),
+        problem.offset,
+        rounding,
+        jnp.asarray(0),
+    )
     u, feasible, *_ = jax.lax.while_loop(short, once_more, start)
     return u, feasible
 

@@ -1,8 +1,9 @@
 """How random scenes and changed affordance requirements are drawn (paper: Appendix on Task 2)."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -21,7 +22,9 @@ RADIUS_RANGE = (1.04, 1.24)
 DIRECTION_JITTER = math.pi / 22.5  # rad
 LARGE_WINDOW = 8  # objects of a large scene per area of the paper's table
 
+T = TypeVar("T")
 Change = Callable[[np.random.Generator, str], Affordance]
+_TYPES = np.array(NAMES)
 
 
 def _angle(value: float) -> float:
@@ -34,7 +37,12 @@ def _opposite(name: str) -> float:
 
 
 def _direction(rng: np.random.Generator, choices: tuple[float, ...]) -> float:
-    return float(rng.choice(choices) + rng.uniform(-DIRECTION_JITTER, DIRECTION_JITTER))
+    return _one_of(rng, choices) + rng.uniform(-DIRECTION_JITTER, DIRECTION_JITTER)
+
+
+def _one_of(rng: np.random.Generator, choices: Sequence[T]) -> T:
+    """What `rng.choice` draws, without an array of the choices."""
+    return choices[int(rng.integers(len(choices)))]
 
 
 def _default(rng: np.random.Generator, name: str) -> Affordance:
@@ -90,7 +98,7 @@ def change(condition: SceneCondition, family: str, rng: np.random.Generator) -> 
         condition, family = replace(condition, balance=BALANCED), "changed"
     requirements = {}
     for name in condition.objects:
-        kind = str(rng.choice(CHANGED)) if family == "changed" else family
+        kind = _one_of(rng, CHANGED) if family == "changed" else family
         requirements[name] = FAMILIES[kind](rng, name)
     return condition.with_requirements(requirements)
 
@@ -98,9 +106,9 @@ def change(condition: SceneCondition, family: str, rng: np.random.Generator) -> 
 def random_objects(rng: np.random.Generator, size: int) -> tuple[str, ...]:
     """Object types, uniformly without replacement; for a large scene, in groups of eight, each drawn without replacement."""
     if size <= MAX_OBJECTS:
-        return tuple(str(name) for name in rng.choice(NAMES, size, replace=False))
+        return tuple(str(name) for name in rng.choice(_TYPES, size, replace=False))
     groups = (
-        rng.choice(NAMES, LARGE_WINDOW, replace=False) for _ in range(-(-size // LARGE_WINDOW))
+        rng.choice(_TYPES, LARGE_WINDOW, replace=False) for _ in range(-(-size // LARGE_WINDOW))
     )
     return numbered([str(name) for part in groups for name in part][:size])
 

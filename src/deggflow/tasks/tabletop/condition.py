@@ -14,11 +14,9 @@ from deggflow.shapes import Scalar
 from .library import (
     LIBRARY,
     MAX_OBJECTS,
-    NAMES,
     TABLE_DEPTH,
     TABLE_WIDTH,
     ObjectType,
-    object_type,
     type_name,
 )
 
@@ -34,6 +32,9 @@ class Affordance:
     offset_scale: float = 1.0  # distance of the regions from the object
     radius_scale: float = 1.0  # radius of the regions
     direction: float = 0.0  # rad, about the object's centre
+
+
+_DEFAULT = Affordance()
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ class SceneCondition:
 
     def affordance(self, name: str) -> Affordance:
         """The requirement on one object; the default one if none was stated."""
-        return self.requirements.get(name, Affordance())
+        return self.requirements.get(name, _DEFAULT)
 
     def with_requirements(self, requirements: Mapping[str, Affordance]) -> "SceneCondition":
         """The same objects and table under other requirements."""
@@ -131,25 +132,28 @@ class _PartRows:
     """Collects parts scene by scene as numbers, and stacks them into arrays."""
 
     def __init__(self, scenes: int, agents: int, extras: int) -> None:
-        self.values = np.zeros((scenes, agents + extras, 5), np.float32)
-        self.valid = np.zeros((scenes, agents + extras), bool)
-        self.owner = np.zeros((scenes, agents + extras), np.int32)
-        self.owner[:, :agents] = np.arange(agents)
-        self.agents, self.used = agents, np.zeros(scenes, np.int32)
+        self.shape, self.agents, self.used = (scenes, agents + extras), agents, [0] * scenes
+        self.rows = list[PartRow]()
+        self.places = list[tuple[int, int, int]]()  # of the rows: scene, slot, agent
 
     def add(self, scene: int, agent: int, rows: Sequence[PartRow]) -> None:
-        for k, row in enumerate(rows):
-            slot = agent if k == 0 else self.agents + self.used[scene]
-            self.used[scene] += k > 0
-            self.values[scene, slot], self.valid[scene, slot] = row, True
-            self.owner[scene, slot] = agent
+        self.rows += rows
+        self.places.append((scene, agent, agent))
+        for _ in rows[1:]:
+            self.places.append((scene, self.agents + self.used[scene], agent))
+            self.used[scene] += 1
 
     def stack(self) -> Parts:
-        extra = self.owner[:, self.agents :, None] == np.arange(self.agents)
-        extra = extra & self.valid[:, self.agents :, None]
-        columns: Any = np.ascontiguousarray(np.moveaxis(self.values, -1, 0))
+        columns: Any = np.zeros((5, *self.shape), np.float32)
+        valid, owner = np.zeros(self.shape, bool), np.zeros(self.shape, np.int32)
+        owner[:, : self.agents] = np.arange(self.agents)
+        scene, slot, agent = np.array(self.places, np.int32).reshape(-1, 3).T
+        columns[:, scene, slot] = np.array(self.rows).reshape(-1, 5).T
+        valid[scene, slot], owner[scene, slot] = True, agent
+        extra = owner[:, self.agents :, None] == np.arange(self.agents)
+        extra = extra & valid[:, self.agents :, None]
         x, y, half_x, half_y, radius = columns
-        rest: Any = (self.valid, self.owner, extra.astype(np.float32))
+        rest: Any = (valid, owner, extra.astype(np.float32))
         return Parts(x, y, half_x, half_y, radius, *rest)
 
 
@@ -160,7 +164,8 @@ def primitive_rows(kind: ObjectType) -> list[PartRow]:
 
 def region_rows(kind: ObjectType, need: Affordance) -> list[PartRow]:
     """An object's affordance regions as a user requires them."""
-    cos, sin = np.cos(need.direction), np.sin(need.direction)
+    # As numbers of Python's own, with which arithmetic is faster.
+    cos, sin = float(np.cos(need.direction)), float(np.sin(need.direction))
     rows = []
     for region in kind.regions:
         x, y = need.offset_scale * region.x, need.offset_scale * region.y
@@ -172,7 +177,10 @@ def region_rows(kind: ObjectType, need: Affordance) -> list[PartRow]:
 
 def strip_rows(kind: ObjectType, need: Affordance) -> list[PartRow]:
     """For each region, the row of all of the object's: its centre, and how far other centres are to either side of it."""
-    rows = region_rows(kind, need)
+    return _strips(region_rows(kind, need))
+
+
+def _strips(rows: Sequence[PartRow]) -> list[PartRow]:
     x, y = (sum(row[k] for row in rows) / len(rows) for k in (0, 1))
     half = max(math.hypot(row[0] - x, row[1] - y) for row in rows)
     return [(x, y, 0.0, half, row[-1]) for row in rows]
@@ -183,6 +191,21 @@ def access_rows(kind: ObjectType) -> list[PartRow]:
     xs = [region.x for region in kind.regions]
     centre, half = (max(xs) + min(xs)) / 2, (max(xs) - min(xs)) / 2
     return [(centre, kind.regions[0].y, half, 0.0, kind.regions[0].radius)]
+
+
+class _Fixed(NamedTuple):
+    """What is the same of all objects of a type, whatever the user requires."""
+
+    kind: ObjectType
+    number: int
+    primitives: list[PartRow]
+    access: list[PartRow]
+
+
+_FIXED = {
+    kind.name: _Fixed(kind, number, primitive_rows(kind), access_rows(kind))
+    for number, kind in enumerate(LIBRARY)
+}
 
 
 def to_arrays(conditions: Sequence[SceneCondition], agents: int | None = None) -> TabletopCondition:
@@ -198,12 +221,13 @@ def to_arrays(conditions: Sequence[SceneCondition], agents: int | None = None) -
         circle = condition.balance
         balance[s] = EVERYWHERE if circle is None else (circle.x, circle.y, circle.radius)
         for i, name in enumerate(condition.objects):
-            mask[s, i], kind[s, i] = True, NAMES.index(type_name(name))
-            mass[s, i] = object_type(name).mass
-            primitives.add(s, i, primitive_rows(object_type(name)))
-            regions.add(s, i, region_rows(object_type(name), condition.affordance(name)))
-            strips.add(s, i, strip_rows(object_type(name), condition.affordance(name)))
-            access.add(s, i, access_rows(object_type(name)))
+            fixed = _FIXED[type_name(name)]
+            mask[s, i], kind[s, i], mass[s, i] = True, fixed.number, fixed.kind.mass
+            required = region_rows(fixed.kind, condition.affordance(name))
+            primitives.add(s, i, fixed.primitives)
+            regions.add(s, i, required)
+            strips.add(s, i, _strips(required))
+            access.add(s, i, fixed.access)
     half = np.array([[c.width, c.depth] for c in conditions], np.float32) / 2
     parts = (one.stack() for one in (primitives, regions, strips, access))
     leaves: Any = (mask, kind, *parts, half[:, 0], half[:, 1], mass, balance)

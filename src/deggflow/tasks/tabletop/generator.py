@@ -123,10 +123,9 @@ class TabletopGenerator:
             guidance = self.guidance_for(conditions[part[0]])
             draws = self.draw(noise[part, :agents], take(arrays, part), guidance, keep_trace)
             z[part] = draws.z
-            for k, number in enumerate(part):
-                summary, trace = jax.tree.map(
-                    lambda leaf, k=k: leaf[k], (draws.summary, draws.trace)
-                )
+            leaves, tree = jax.tree.flatten((draws.summary, draws.trace))
+            for number, *sample in zip(part, *leaves, strict=True):
+                summary, trace = jax.tree.unflatten(tree, sample)
                 records[number] = _record(guidance, summary, trace, conditions[number].objects)
         poses = [decode_exactly(state, c) for state, c in zip(z, conditions, strict=True)]
         return Batch(z, poses, records)

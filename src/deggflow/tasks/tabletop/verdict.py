@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
 from .condition import SceneCondition
-from .library import object_type
+from .library import object_type, type_name
 
 BUFFER = 0.02  # m, delta^PE of the reported violation V (paper, Task 2)
 _CHUNK = 512  # scenes measured at once
@@ -102,40 +102,46 @@ class _Shapes(NamedTuple):
     region: Int[np.ndarray, " shapes"]  # -1 for the object's own shape
 
 
+class _TypeShapes(NamedTuple):
+    """Shapes of one type of object in its body frame: its body's, then its default regions."""
+
+    corners: Float[np.ndarray, "shapes 4 2"]
+    radius: Float[np.ndarray, " shapes"]
+    region: Int[np.ndarray, " shapes"]
+
+
 @cache
-def _body_shapes(name: str) -> tuple[Float[np.ndarray, "shapes 4 2"], Float[np.ndarray, " shapes"]]:
+def _type_shapes(name: str) -> _TypeShapes:
     signs = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
-    parts = object_type(name).primitives
+    parts, regions = object_type(name).primitives, object_type(name).regions
     corners = [signs * [p.half_x - p.corner, p.half_y - p.corner] + [p.x, p.y] for p in parts]
-    return np.array(corners), np.array([p.corner for p in parts])
-
-
-def _region_shapes(
-    condition: SceneCondition, name: str
-) -> tuple[Float[np.ndarray, "shapes 4 2"], Float[np.ndarray, " shapes"]]:
-    need, regions = condition.affordance(name), object_type(name).regions
-    centre = np.array([complex(r.x, r.y) for r in regions])
-    centre = centre * need.offset_scale * np.exp(1j * need.direction)
-    points = np.stack([centre.real, centre.imag], axis=-1)
-    radius = need.radius_scale * np.array([r.radius for r in regions])
-    return np.repeat(points[:, None], 4, axis=1), radius
+    corners += [np.full((4, 2), [r.x, r.y]) for r in regions]
+    radius = [p.corner for p in parts] + [r.radius for r in regions]
+    number = [-1] * len(parts) + list(range(len(regions)))
+    return _TypeShapes(np.array(corners), np.array(radius), np.array(number))
 
 
 def _collect(conditions: Sequence[SceneCondition], poses: Sequence[Poses]) -> _Shapes:
-    corners, radius, scene, owner, region, place = [], [], [], [], [], []
-    for s, (condition, pose) in enumerate(zip(conditions, poses, strict=True)):
-        for i, name in enumerate(condition.objects):
-            for is_region, (shape, thickness) in enumerate(
-                (_body_shapes(name), _region_shapes(condition, name))
-            ):
-                corners.append(shape)
-                radius.append(thickness)
-                scene += [s] * len(thickness)
-                owner += [i] * len(thickness)
-                region += list(range(len(thickness))) if is_region else [-1] * len(thickness)
-                place += [pose[i]] * len(thickness)
-    x, y, theta = np.array(place, np.float64).T[..., None]
-    local = np.concatenate(corners)
+    names = [name for condition in conditions for name in condition.objects]
+    types = [_type_shapes(type_name(name)) for name in names]
+    needs = [c.affordance(name) for c in conditions for name in c.objects]
+    counts = [len(condition.objects) for condition in conditions]
+    if [len(pose) for pose in poses] != counts:
+        raise ValueError("`poses` must have one row for each object of each condition.")
+    scene = np.repeat(np.arange(len(conditions)), counts)
+    owner = np.concatenate([np.arange(count) for count in counts])
+    # From here on, one row for each shape instead of each object.
+    thing = np.repeat(np.arange(len(names)), [len(each.radius) for each in types])
+    local, radius, region = (np.concatenate(each) for each in zip(*types, strict=True))
+    scale, thickness, direction = np.array(
+        [(need.offset_scale, need.radius_scale, need.direction) for need in needs], np.float64
+    )[thing].T
+    regions = region >= 0
+    x, y = local[regions, 0].T
+    centre = (x + 1j * y) * scale[regions] * np.exp(1j * direction[regions])
+    local[regions] = np.stack([centre.real, centre.imag], axis=-1)[:, None]
+    radius[regions] *= thickness[regions]
+    x, y, theta = np.concatenate(poses).astype(np.float64)[thing].T[..., None]
     cos, sin = np.cos(theta), np.sin(theta)
     world = np.stack(
         [
@@ -144,21 +150,23 @@ def _collect(conditions: Sequence[SceneCondition], poses: Sequence[Poses]) -> _S
         ],
         axis=-1,
     )
-    return _Shapes(
-        world, np.concatenate(radius), np.array(scene), np.array(owner), np.array(region)
-    )
+    return _Shapes(world, radius, scene[thing], owner[thing], region)
 
 
 def _corner_to_edge(
     points: Float[np.ndarray, "pairs points 2"], polygon: Float[np.ndarray, "pairs 4 2"]
 ) -> Float[np.ndarray, " pairs"]:
     """Least distance from the points to the edges of the polygon."""
-    start, edge = polygon[:, None], (np.roll(polygon, -1, axis=1) - polygon)[:, None]
-    length2 = np.sum(edge**2, axis=-1)
-    along = np.sum((points[:, :, None] - start) * edge, axis=-1)
-    along = np.clip(along / np.where(length2 > 0, length2, 1.0), 0.0, 1.0)
-    gap = points[:, :, None] - start - along[..., None] * edge
-    return np.sqrt(np.sum(gap**2, axis=-1)).min(axis=(1, 2))
+    edges = np.roll(polygon, -1, axis=1) - polygon
+    # Coordinates apart, points x edges of each pair: sums over an axis of two take most of the time otherwise.
+    (x, y), (from_x, from_y), (edge_x, edge_y) = (
+        np.moveaxis(each, -1, 0) for each in (points[:, :, None], polygon[:, None], edges[:, None])
+    )
+    x, y, length2 = x - from_x, y - from_y, edge_x**2 + edge_y**2
+    along = (x * edge_x + y * edge_y) / np.where(length2 > 0, length2, 1.0)
+    along = np.clip(along, 0.0, 1.0)
+    gap2 = (x - along * edge_x) ** 2 + (y - along * edge_y) ** 2
+    return np.sqrt(gap2.min(axis=(1, 2)))
 
 
 def _depth(
