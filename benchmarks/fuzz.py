@@ -205,7 +205,7 @@ def tabletop_kinds(home: Path) -> list[Kind]:
     """Files of the tabletop."""
     from deggflow.tasks.tabletop.condition import to_arrays
     from deggflow.tasks.tabletop.data import load_dataset
-    from deggflow.tasks.tabletop.field import load_field, shipped_weights
+    from deggflow.tasks.tabletop.field import SHIPPED, load_field
     from deggflow.tasks.tabletop.formats import read_conditions
 
     conditions, scenes, data = home / "conditions.jsonl", home / "scenes.jsonl", home / "data"
@@ -224,7 +224,7 @@ def tabletop_kinds(home: Path) -> list[Kind]:
     command("tabletop", "data", "--out", data, "--training", 2, "--validation", 1)
     weights = home / "tabletop.safetensors"
     for ending in (".safetensors", ".json"):
-        shutil.copy(shipped_weights().with_suffix(ending), weights.with_suffix(ending))
+        shutil.copy(SHIPPED.with_suffix(ending), weights.with_suffix(ending))
     return [
         Kind("tabletop conditions", conditions, lambda: to_arrays(read_conditions(conditions))),
         Kind("scenes", scenes, lambda: command("tabletop", "certify", scenes, "--quiet")),
@@ -237,7 +237,7 @@ def tabletop_kinds(home: Path) -> list[Kind]:
 def bridge_kinds(home: Path) -> list[Kind]:
     """Files of the bridge."""
     from deggflow.tasks.bridge.data import load_dataset
-    from deggflow.tasks.bridge.field import load_field, shipped_weights
+    from deggflow.tasks.bridge.field import SHIPPED, load_field
     from deggflow.tasks.bridge.formats import read_conditions
 
     conditions, trials, data = home / "starts.jsonl", home / "trials.jsonl", home / "demonstrations"
@@ -263,7 +263,7 @@ def bridge_kinds(home: Path) -> list[Kind]:
     demonstrations = data / "training.jsonl"
     weights = home / "bridge.safetensors"
     for ending in (".safetensors", ".json"):
-        shutil.copy(shipped_weights().with_suffix(ending), weights.with_suffix(ending))
+        shutil.copy(SHIPPED.with_suffix(ending), weights.with_suffix(ending))
     return [
         Kind("bridge conditions", conditions, lambda: read_conditions(conditions)),
         Kind("trials", trials, lambda: command("bridge", "certify", trials, "--quiet")),

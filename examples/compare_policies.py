@@ -15,7 +15,7 @@ from deggflow.redraw import Candidate, redraw_until_satisfied
 from deggflow.statistics import Rate
 from deggflow.tasks.bridge.condition import HALF_Y
 from deggflow.tasks.bridge.environment import parallel_env
-from deggflow.tasks.bridge.field import load_field, shipped_weights
+from deggflow.tasks.bridge.field import SHIPPED, load_field
 from deggflow.tasks.bridge.policies import PolicyGenerator, initial_noise
 from deggflow.tasks.bridge.requirements import bridge_guidance
 from deggflow.tasks.bridge.scenes import random_conditions
@@ -81,7 +81,7 @@ def play(policy, env, condition, trial):
 def main(trials: int = 20, robots: int = 6, seed: int = 1) -> None:
     """Prints each policy's successes with a 95% Wilson interval, and the outcomes of the other trials."""
     policies = {"straight": straight}
-    if shipped_weights().exists():
+    if SHIPPED.exists():
         policies |= {"nominal": Generated(guided=False), "guided": Generated(guided=True)}
     else:
         print("this package has no trained weights; deggflow's own policies are skipped")

@@ -124,10 +124,10 @@ class Stage:
 
     def prepare(self, chosen: list[Job], say: Callable[[str], None]) -> None:
         """Runs everything once without faults."""
-        from deggflow.tasks.tabletop.field import shipped_weights
+        from deggflow.tasks.tabletop.field import SHIPPED
 
         for ending in (".safetensors", ".json"):
-            shutil.copy(shipped_weights().with_suffix(ending), self.given / f"w{ending}")
+            shutil.copy(SHIPPED.with_suffix(ending), self.given / f"w{ending}")
         for call in (
             ("tabletop", "data", "--training", 6, "--validation", 3, "--out", "td"),
             ("bridge", "data", "--training", 2, "--validation", 1, "--out", "bd"),

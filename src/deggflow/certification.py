@@ -14,7 +14,7 @@ from .arguments import check_leading_axis, check_tau
 from .blocks import BATCHES, padded_batch
 from .certificate import Certificate, RequirementVerdict
 from .divergence import END_OF_SCALE, finite
-from .generation import Generation
+from .generation import Generation, check_one_sample
 from .guidance import AbstractRequirement, DecoupledGuidance
 from .identity import requirement_numbers
 from .judge import PRECISION, Judged, follow, judge_many
@@ -76,14 +76,9 @@ def certify(
     guidance = as_guidance(requirements)
     if isinstance(sample, Trajectory):
         return _certify_trajectory(sample, guidance, condition, mask, agents, draws, keep_trace)
-    if not isinstance(sample, Generation):
-        raise TypeError(
-            f"`sample` must be a `Generation` or a `Trajectory(tau, z)`; got {type(sample).__name__}."
-        )
-    if np.ndim(sample.z) != 2:
-        raise ValueError(
-            f"`sample` must be one sample, z of shape (agents, dim); got {np.shape(sample.z)}: use `certify_batch`."
-        )
+    check_one_sample(
+        "sample", sample, "a `Generation` or a `Trajectory(tau, z)`", "use `certify_batch`"
+    )
     one, present = jax.tree.map(lambda leaf: np.asarray(leaf)[None], (sample, mask))
     conditions = jax.tree.map(
         lambda leaf: leaf[None] if eqx.is_array(leaf) else leaf, _exact(condition)

@@ -206,6 +206,27 @@ def generate_batch(
     return completed(batch, guidance, drift, solver)
 
 
+def check_one_sample(name: str, value: object, allowed: str, advice: str) -> None:
+    """Checks that an argument is the generation of one sample.
+
+    Args:
+        name: Of the argument.
+        value: It.
+        allowed: All that it may be.
+        advice: What to do with a batch.
+
+    Raises:
+        TypeError: It is no `Generation`.
+        ValueError: It is of a batch.
+    """
+    if not isinstance(value, Generation):
+        raise TypeError(f"`{name}` must be {allowed}; got {type(value).__name__}.")
+    if np.ndim(value.z) != 2:
+        raise ValueError(
+            f"`{name}` must be one sample, z of shape (agents, dim); got {np.shape(value.z)}: {advice}."
+        )
+
+
 _Inputs = tuple[Any, Mask, Float[Array, " agents"] | None]
 """Condition, mask and stops of one sample."""
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .certificate import Certificate, TraceRecord
-from .generation import Generation
+from .generation import Generation, check_one_sample
 from .sampling import Samples
 from .trace import Trace
 
@@ -83,15 +83,8 @@ def _pictures(result: Drawn, names: Sequence[str] | None) -> list[tuple[Any, ...
         if trace is None or result.generation is None:
             return margins
         return margins + _of_trace(trace, [each.name for each in result.generation.requirements])
-    if not isinstance(result, Generation):
-        raise TypeError(
-            f"`result` must be a `Generation`, a `Certificate` or `Samples`; got {type(result).__name__}."
-        )
-    if np.ndim(result.z) != 2:
-        raise ValueError(
-            f"`result` must be one sample, z of shape (agents, dim); got {np.shape(result.z)}: pick one by "
-            "`jax.tree.map(lambda leaf: leaf[0], result)`."
-        )
+    advice = "pick one by `jax.tree.map(lambda leaf: leaf[0], result)`"
+    check_one_sample("result", result, "a `Generation`, a `Certificate` or `Samples`", advice)
     pictures = []
     if result.trace is not None:
         rows = np.shape(result.trace.value)[1]

@@ -1,10 +1,25 @@
 """Redraws: a sample that its verdict refuses is redrawn from a new z(0), up to a limit."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Generic, TypeVar
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
+
+from .certificate import Certificate
+
+
+class Certified(Protocol):
+    """A dataclass of a sample and what is said of it."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    @property
+    def certificate(self) -> Certificate:
+        """What is said of the sample."""
+        ...
+
 
 T = TypeVar("T")
+C = TypeVar("C", bound=Certified)
 
 
 @dataclass(frozen=True)
@@ -63,3 +78,13 @@ def redraw_until_satisfied(attempt: Attempt[T], samples: int, max_draws: int) ->
                 closest[k] = candidate
         pending = [k for k in pending if not closest[k].satisfied]
     return [Drawn(closest[k].sample, closest[k].satisfied, draws[k]) for k in range(samples)]
+
+
+def finished(samples: Sequence[Drawn[C]]) -> list[C]:
+    """Samples with the number of draws in their certificates."""
+    return [with_draws(each.sample, each.draws) for each in samples]
+
+
+def with_draws(sample: C, draws: int) -> C:
+    """The sample with this number of draws in its certificate."""
+    return replace(sample, certificate=replace(sample.certificate, draws=draws))

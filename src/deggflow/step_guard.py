@@ -13,8 +13,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from .guidance import GuidanceReport
 from .guided_field import Velocity
-from .shapes import Scalar
+from .shapes import Scalar, States
 from .solver import RungeKutta
 from .trace import Point, Summary, TracedReport, add_point, empty_summary, rounding, traced
 
@@ -89,6 +90,30 @@ class SampleProgress(NamedTuple):
     summary: Summary
 
 
+class _Decision(NamedTuple):
+    """What becomes of a proposed point.
+
+    Attributes:
+        over: Which rows are above their limits there.
+        accept: Whether it is accepted.
+        refuse: Whether it is refused.
+        forced: Whether it is accepted although a row is above its limit.
+    """
+
+    over: Bool[Array, " rows"]
+    accept: Bool[Array, ""]
+    refuse: Bool[Array, ""]
+    forced: Bool[Array, ""]
+
+    def state(self, recovered: Any, then: Any, before: Any) -> Any:
+        """The guidance's state afterwards: that after a forced step, that after any other, or that before."""
+
+        def choose(recovered: Array, then: Array, before: Array) -> Array:
+            return jnp.where(self.forced, recovered, jnp.where(self.accept, then, before))
+
+        return jax.tree.map(choose, recovered, then, before)
+
+
 class GuardedSteps(NamedTuple):
     """How a sample is carried over the grid; each accepted point meets its limits, or is counted as forced.
 
@@ -136,27 +161,17 @@ class GuardedSteps(NamedTuple):
         at: SampleProgress,
     ) -> SampleProgress:
         """Evaluates the proposed point, accepts or refuses it, and proposes another; a sample that is done or waits stays."""
-        points, active = self.grid.shape[0], self.unfinished(at)
+        points = self.grid.shape[0]
         at_goal = at.proposed_tau == self.grid[at.goal]
         step = jnp.where(at_goal, at.goal, at.goal - 1)
         then, slope, report = velocity(at.state, step, at.proposed_tau, at.proposed_z)
-        # NaN counts as exceeding the limit; no step led to the first point.
-        over = ~(report.value <= report.limit) & (at.goal > 0)
-        within = ~jnp.any(over)
         size = at.proposed_tau - at.tau
-        # Half of a shorter step could be lost in the rounding of tau, and the sample would never move on.
-        accept = active & (
-            within | (at.left == 0) | (size <= SHORTEST * float(jnp.finfo(size.dtype).eps))
-        )
-        refuse = active & ~accept
-        forced = accept & ~within
+        decision = self._decide(at, report)
+        over, accept, refuse, forced = decision
         reached = accept & at_goal
         goal = at.goal + reached
         recovered = on_forced_step(then, at.proposed_tau, report.value, over)
-        state = jax.tree.map(
-            lambda forced_on, on, old: jnp.where(forced, forced_on, jnp.where(accept, on, old)),
-            recovered, then, at.state,
-        )  # fmt: skip
+        state = decision.state(recovered, then, at.state)
         unexpected, kinks = _kinks(at, report.value, size, forced & over)
         first_refusal = refuse & (at.left == self.guard.halvings)
         last = at.goal >= points - 1
@@ -172,27 +187,32 @@ class GuardedSteps(NamedTuple):
         proposed_z = self.solver.step(
             lambda t, x: velocity(state, goal - 1, t, x)[1], tau, z, slope, after - tau
         )
-        spot = jnp.where(reached, at.goal, points)  # beyond the end: not written
+        trace, path = _kept(at, jnp.where(reached, at.goal, points), report, z)
         return SampleProgress(
-            tau=tau,
-            z=z,
-            slope=slope,
+            tau=tau, z=z, slope=slope,
             value=jnp.where(accept, report.value, at.value),
             value_slope=jnp.where(accept, report.slope, at.value_slope),
-            proposed_tau=after,
-            proposed_z=proposed_z,
-            goal=goal,
+            proposed_tau=after, proposed_z=proposed_z, goal=goal,
             left=jnp.where(reached, self.guard.halvings, at.left - refuse),
             largest_size=largest_size,
             refused_size=jnp.where(first_refusal, size, at.refused_size),
             unexpected=jnp.where(first_refusal, unexpected, at.unexpected),
-            state=state,
-            trace=None if at.trace is None else jax.tree.map(
-                lambda before, new: before.at[spot].set(new), at.trace, traced(report)
-            ),
-            path=None if at.path is None else at.path.at[spot].set(z),
+            state=state, trace=trace, path=path,
             summary=add_point(at.summary, point, mask),
         )  # fmt: skip
+
+    def _decide(self, at: SampleProgress, report: GuidanceReport) -> _Decision:
+        """Accepts the proposed point where it is within its limits, or no shorter step is left to try."""
+        active = self.unfinished(at)
+        # NaN counts as exceeding the limit; no step led to the first point.
+        over = ~(report.value <= report.limit) & (at.goal > 0)
+        within = ~jnp.any(over)
+        size = at.proposed_tau - at.tau
+        # Half of a shorter step could be lost in the rounding of tau, and the sample would never move on.
+        accept = active & (
+            within | (at.left == 0) | (size <= SHORTEST * float(jnp.finfo(size.dtype).eps))
+        )
+        return _Decision(over, accept, refuse=active & ~accept, forced=accept & ~within)
 
     def unfinished(self, at: SampleProgress) -> Bool[Array, "..."]:
         """Whether there are points left to evaluate in this macro step; of one sample or of a batch."""
@@ -200,6 +220,16 @@ class GuardedSteps(NamedTuple):
         if self.until is None:
             return left
         return left & ((at.proposed_tau < self.until) | (self.until == self.grid[-1]))
+
+
+def _kept(
+    at: SampleProgress, spot: Int[Array, ""], report: GuidanceReport, z: States
+) -> tuple[Any, Any]:
+    """The trace and the path, each None if it is not kept, with a point at `spot`; nothing is written beyond their ends."""
+    trace = at.trace
+    if trace is not None:
+        trace = jax.tree.map(lambda before, new: before.at[spot].set(new), trace, traced(report))
+    return trace, None if at.path is None else at.path.at[spot].set(z)
 
 
 def _kinks(

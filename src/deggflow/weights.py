@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable, Mapping
 from hashlib import sha256
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -119,6 +120,11 @@ def load_card(path: StrPath) -> dict[str, Any]:
         raise InputError(
             "there is no such card; it must lie beside the weights", file=path
         ) from None
+
+
+def packaged_weights(package: str) -> Path:
+    """The trained weights inside a package, in its folder `weights`."""
+    return Path(str(files(package))) / "weights" / "field.safetensors"
 
 
 def load_by_card(path: StrPath, skeleton: Callable[[Mapping[str, Any]], M]) -> M:

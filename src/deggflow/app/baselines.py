@@ -13,6 +13,7 @@ from .engine import LOCAL, AnyEngine
 from .session import SATISFIED, output, prepare_jax
 
 if TYPE_CHECKING:
+    from deggflow.tasks.tabletop.baselines import Method
     from deggflow.tasks.tabletop.frontier import Point
 
 
@@ -42,26 +43,19 @@ def baselines(
         shard: k/n: measure only shard number k of n of the rows. With the merged file as --out, the command without --shard prints the table.
     """
     part = parse_shard(shard, out)
-    from deggflow.tasks.tabletop.baselines import METHODS
     from deggflow.tasks.tabletop.library import MAX_OBJECTS
 
     check_range("cases", cases, 1, MAX_COUNT)
     check_range("seed", seed, 0, MAX_SEED)
     for size in sizes:
         check_range("sizes", size, 1, MAX_OBJECTS)
-    names = [method.name for method in METHODS]
-    for name in methods:
-        if name not in names:
-            raise InputError(
-                f"--methods: there is no method {name!r}; known are {', '.join(map(repr, names))}"
-            )
+    compared_methods = _methods(methods)
     prepare_jax()
     from deggflow.tasks.tabletop.field import load_field
     from deggflow.tasks.tabletop.frontier import Point, jobs
 
     from .runs import provenance, run_jobs
 
-    compared_methods = [method for method in METHODS if not methods or method.name in methods]
     grid = [
         (size, method, hyperparameters)
         for size in sizes
@@ -90,6 +84,19 @@ def baselines(
     if part is None:
         _show(points, cases, seed)
     return SATISFIED
+
+
+def _methods(names: tuple[str, ...]) -> "list[Method]":
+    """The methods of these names, in their usual order; all if there are no names."""
+    from deggflow.tasks.tabletop.baselines import METHODS
+
+    known = [method.name for method in METHODS]
+    for name in names:
+        if name not in known:
+            raise InputError(
+                f"--methods: there is no method {name!r}; known are {', '.join(map(repr, known))}"
+            )
+    return [method for method in METHODS if not names or method.name in names]
 
 
 def _show(points: "list[Point]", cases: int, seed: int) -> None:

@@ -20,6 +20,7 @@ from .session import NOT_SATISFIED, SATISFIED, console, prepare_jax, progress
 
 if TYPE_CHECKING:
     from deggflow.flow import Field
+    from deggflow.train import TrainingConfig
 
 PICTURES = 12  # lines of a file that are drawn by default
 
@@ -91,6 +92,18 @@ def _data(entry: AbstractEntry) -> Callable[..., int]:
     return data
 
 
+def _training_config(options: Any) -> "TrainingConfig":
+    from deggflow.train import TrainingConfig
+
+    try:
+        return TrainingConfig(
+            steps=options.steps, batch=options.batch, learning_rate=options.learning_rate,
+            seed=options.seed,
+        )  # fmt: skip
+    except ValueError as error:
+        raise InputError(str(error)) from None
+
+
 def _train(entry: AbstractEntry) -> Callable[..., int]:
     def train(
         data: Path,
@@ -119,7 +132,6 @@ def _train(entry: AbstractEntry) -> Callable[..., int]:
         from deggflow.loggers import together
         from deggflow.output import check_written
         from deggflow.task import data_files, train_field
-        from deggflow.train import TrainingConfig
 
         from .distributed import connect, is_first, selected_devices
         from .remake import remake
@@ -127,13 +139,7 @@ def _train(entry: AbstractEntry) -> Callable[..., int]:
 
         connect(coordinator, process)
 
-        try:
-            config = TrainingConfig(
-                steps=options.steps, batch=options.batch, learning_rate=options.learning_rate,
-                seed=options.seed,
-            )  # fmt: skip
-        except ValueError as error:
-            raise InputError(str(error)) from None
+        config = _training_config(options)
         sizes = options.architecture()
         with (
             logged(log if is_first() else "none", out) as store,

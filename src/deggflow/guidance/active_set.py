@@ -50,6 +50,13 @@ def largest(a: Float[Array, "*rows inputs"]) -> Float[Array, "*rows"]:
     return reduce(jnp.maximum, [jnp.abs(a[..., k]) for k in range(a.shape[-1])])
 
 
+class _HalfSpaces(NamedTuple):
+    """The half-spaces `unit @ v + distance <= 0`, as of `project_origin`."""
+
+    unit: Float[Array, "rows inputs"]
+    distance: Float[Array, " rows"]
+
+
 class _State(NamedTuple):
     """Between two steps.
 
@@ -98,13 +105,9 @@ def _basis(
     return jax.lax.fori_loop(0, rows, add, start)
 
 
-def _choose(
-    state: _State,
-    unit: Float[Array, "rows inputs"],
-    distance: Float[Array, " rows"],
-    tolerance: float,
-) -> _State:
+def _choose(state: _State, half_spaces: _HalfSpaces, tolerance: float) -> _State:
     """The most violated row, unless one is entering already; done where none is violated."""
+    unit, distance = half_spaces
     violation = jnp.where(state.active, -jnp.inf, unit @ state.v + distance)
     worst = jnp.argmax(violation)
     largest = jnp.max(distance, initial=0.0)  # the solution is no shorter
@@ -118,13 +121,9 @@ def _choose(
     )
 
 
-def _step(
-    state: _State,
-    unit: Float[Array, "rows inputs"],
-    distance: Float[Array, " rows"],
-    parallel: float,
-) -> _State:
+def _step(state: _State, half_spaces: _HalfSpaces, parallel: float) -> _State:
     """One step in primal and dual space toward the entering row; a row that blocks it leaves."""
+    unit, distance = half_spaces
     rows = unit.shape[0]
     row = jnp.maximum(state.entering, 0)
     normal = unit[row]
@@ -174,11 +173,12 @@ def project_origin(
         parallel: Sine of the angle to the active rows' span below which a row counts as inside it.
     """
     rows = unit.shape[0]
+    half_spaces = _HalfSpaces(unit, distance)
     tolerance = 4 * float(jnp.finfo(unit.dtype).eps)
 
     def body(state: _State) -> _State:
-        choice = _choose(state, unit, distance, tolerance)
-        after = _step(choice, unit, distance, parallel)
+        choice = _choose(state, half_spaces, tolerance)
+        after = _step(choice, half_spaces, parallel)
         return jax.tree.map(lambda a, b: jnp.where(choice.done, a, b), choice, after)
 
     start = _State(
@@ -193,14 +193,13 @@ def project_origin(
     )
     limit = 10 * rows + 10  # far beyond what the method needs; only rounding could make it cycle
     end = jax.lax.while_loop(lambda s: ~s.done & (s.steps < limit), body, start)
-    v = _polish(unit, distance, end)
+    v = _polish(half_spaces, end)
     return v, end.done & ~end.infeasible
 
 
-def _polish(
-    unit: Float[Array, "rows inputs"], distance: Float[Array, " rows"], end: _State
-) -> Float[Array, " inputs"]:
+def _polish(half_spaces: _HalfSpaces, end: _State) -> Float[Array, " inputs"]:
     """The active rows' own intersection: rounding of the steps that led there is gone."""
+    unit, distance = half_spaces
     q, r = _basis(unit, end.active)
     held = jnp.where(end.active, -distance, 0.0)
     v = solve_triangular(r, held, lower=True) @ q

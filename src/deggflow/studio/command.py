@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from deggflow.app.session import SATISFIED, console, prepare_jax
+from deggflow.extras import imported
 from deggflow.jsonl import InputError
 from deggflow.task import check_range
 
@@ -42,14 +43,8 @@ def studio(
     for path in (weights, bridge_weights):
         if path is not None and not path.is_file():
             raise InputError("there is no such file", file=path)
-    try:
-        import starlette  # noqa: F401
-        import uvicorn  # noqa: F401
-        import websockets  # noqa: F401
-    except ImportError as error:
-        raise InputError(
-            f"the studio needs the package {error.name}: pip install 'deggflow[studio]'"
-        ) from None
+    for package in ("starlette", "uvicorn", "websockets"):
+        imported(package, "studio", "the studio")
     from .access import new_token
     from .server import StudioServer, studio_app
 

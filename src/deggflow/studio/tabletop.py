@@ -12,12 +12,13 @@ import numpy as np
 from deggflow.certificate import Certificate
 from deggflow.flow import Field
 from deggflow.jsonl import expect_choice, expect_integer
+from deggflow.redraw import with_draws
 from deggflow.tasks.tabletop.changes import random_conditions
 from deggflow.tasks.tabletop.condition import SceneCondition
 from deggflow.tasks.tabletop.formats import MAX_SEED, parse_scene
 from deggflow.tasks.tabletop.generator import MAX_DRAWS, TabletopGenerator, initial_noise, judged
 from deggflow.tasks.tabletop.library import MAX_OBJECTS
-from deggflow.tasks.tabletop.scene import Scene, with_draws
+from deggflow.tasks.tabletop.scene import Scene
 from deggflow.tasks.tabletop.settled import judge_generated
 from deggflow.tasks.tabletop.task import scene_generator
 from deggflow.tasks.tabletop.verdict import Poses, judge

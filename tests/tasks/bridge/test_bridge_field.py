@@ -11,7 +11,7 @@ import pytest
 
 from deggflow.jsonl import InputError
 from deggflow.tasks.bridge.condition import BridgeCondition, Scales, observe, to_arrays
-from deggflow.tasks.bridge.field import load_field, shipped_weights
+from deggflow.tasks.bridge.field import SHIPPED, load_field
 from deggflow.tasks.bridge.scenes import random_conditions
 from deggflow.weights import save_weights
 
@@ -23,7 +23,7 @@ seen_by = jax.jit(observe, static_argnums=1)
 @pytest.fixture(scope="module")
 def field():
     """The shipped one: trained weights tell more apart than fresh ones."""
-    assert shipped_weights().is_file()
+    assert SHIPPED.is_file()
     return load_field()
 
 

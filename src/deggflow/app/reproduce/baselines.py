@@ -37,7 +37,7 @@ LOOKS = {
     "equal split with slack": (GREY, "s"),
     "rejection sampling": (NOMINAL, "d"),
 }
-_NAMES = {method.name: method for method in METHODS}
+BY_NAME = {method.name: method for method in METHODS}
 _EXPLAINED = (
     "Every method runs on the same field, from the same z(0), under the same randomly changed requirements, and is judged by "
     "the same exact geometry. Each takes 100 steps (predict, then correct: 50 and 50) on the grid refined toward the end. "
@@ -54,7 +54,7 @@ class Baselines:
         """First draws of every method at every size."""
         sizes = QUICK_SIZES if settings.quick else SIZES
         grid = [
-            (size, method, method.chosen(size)) for size in sizes for method in _methods(settings)
+            (size, method, method.chosen(size)) for size in sizes for method in compared(settings)
         ]
         return _measure(self.name, settings, settings.seed, settings.cases(256, 16), grid, say)
 
@@ -107,7 +107,7 @@ class BaselinesFrontier:
         grid = [
             (size, method, hyperparameters)
             for size in sizes
-            for method in _methods(settings)
+            for method in compared(settings)
             for hyperparameters in _settings(method, settings)
         ]
         seed, count = settings.seed + TUNING, settings.cases(128, 16)
@@ -168,7 +168,7 @@ def _leaders(stars: Sequence[Point], size: int) -> list[Point]:
     """The best of our methods and the best baseline that draws only once."""
     single = [star for star in stars if star.size == size and star.draws == 1]
     sides = [
-        [star for star in single if _NAMES[star.method].ours is ours] for ours in (True, False)
+        [star for star in single if BY_NAME[star.method].ours is ours] for ours in (True, False)
     ]
     return [best(side) for side in sides if side]
 
@@ -194,7 +194,8 @@ def _measure(
     return {"cases": count, "seed": seed, "rows": [row.to_json() for row in rows]}
 
 
-def _methods(settings: Settings) -> list[Method]:
+def compared(settings: Settings) -> list[Method]:
+    """All methods; of a quick run, a few."""
     return [each for each in METHODS if not settings.quick or each.name in QUICK_METHODS]
 
 
@@ -224,12 +225,12 @@ def _line(point: Point, nominal: float) -> list[Any]:
         _two(point.transport),
         round(point.seconds / nominal, 2),
         round(point.draws, 2),
-        _NAMES[point.method].information_required,
+        BY_NAME[point.method].information_required,
     ]
 
 
 def _chosen(point: Point) -> bool:
-    return dict(_NAMES[point.method].chosen(point.size)) == dict(point.hyperparameters)
+    return dict(BY_NAME[point.method].chosen(point.size)) == dict(point.hyperparameters)
 
 
 def _groups(points: Sequence[Point]) -> dict[tuple[int, str], list[Point]]:
@@ -243,7 +244,7 @@ def _sides(points: Sequence[Point], size: int) -> tuple[Point, Point]:
     """Pooled guidance and the best baseline that draws only once."""
     of_size = [point for point in points if point.size == size]
     ours = next(point for point in of_size if point.method == "pooled")
-    single = [p for p in of_size if not _NAMES[p.method].ours and p.method != "rejection sampling"]
+    single = [p for p in of_size if not BY_NAME[p.method].ours and p.method != "rejection sampling"]
     return ours, best(single)
 
 
@@ -258,7 +259,7 @@ def _best_in_words(points: Sequence[Point], size: int) -> str:
         each.method
         for each in points
         if each.size == size
-        and not _NAMES[each.method].ours
+        and not BY_NAME[each.method].ours
         and each.satisfied >= ours.satisfied
         and each.transport is not None
         and ours.transport is not None
@@ -282,7 +283,7 @@ def _series(points: Sequence[Point], size: int) -> list[FrontierSeries]:
         frontier_points = [FrontierPoint(p.rate(), p.transport or 0.0, _chosen(p)) for p in visible]
         out.append(
             FrontierSeries(
-                name, colour, marker, frontier_points, joined=_one_hyperparameter(_NAMES[name])
+                name, colour, marker, frontier_points, joined=_one_hyperparameter(BY_NAME[name])
             )
         )
     return out

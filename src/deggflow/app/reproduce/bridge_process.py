@@ -20,6 +20,7 @@ from deggflow.view.bridge import picture
 from deggflow.view.bridge.pictures import telling_ticks
 from deggflow.view.sheet import picture_column
 
+from .bridge_search import commands
 from .experiment import UNMET, DataTable, Finding, Plot, Progress, Section, Settings
 
 if TYPE_CHECKING:
@@ -53,8 +54,7 @@ class BridgeProcess:
             return Section(
                 title, paper, (f"None of {result['scanned']} trials became a complete process.",)
             )
-        rows, line = example["policies"], example["number"] + 1
-        options = f"--size {result['size']} --count {line} --seed {result['seed']}"
+        rows = example["policies"]
         most = max(float(_excess(row).max()) for row in rows)
         return Section(
             title,
@@ -62,8 +62,7 @@ class BridgeProcess:
             (_trial_text(result), _course_text(rows)),
             (_table(rows),),
             _plots(result["size"], example),
-            f"deggflow bridge generate {options} --out trials.jsonl\n"
-            f"deggflow bridge render trials.jsonl --lines {line} --process --curves",
+            commands(result, "--process --curves"),
             (
                 Finding(
                     "Task 1, largest q_task - beta_task in three generations",

@@ -14,7 +14,7 @@ from deggflow.view.bounds import BoundPanel, bounds_figure
 from deggflow.view.bridge import picture
 from deggflow.view.sheet import picture_row
 
-from .bridge_search import measure_rescue
+from .bridge_search import commands, measure_rescue
 from .bridge_success import KIND_TITLES
 from .experiment import DataTable, Finding, Plot, Progress, Section, Settings
 
@@ -49,8 +49,6 @@ class BridgeRescue:
         example = result["example"]
         if example is None:
             return Section(title, paper, (_scan_text(result), "None of them is an example."))
-        line = example["number"] + 1
-        options = f"--size {result['size']} --count {line} --seed {result['seed']}"
         place = example["places"]["guided"]
         return Section(
             title,
@@ -58,8 +56,7 @@ class BridgeRescue:
             (_scan_text(result), _trial_text(example), _place_text(example)),
             (_table(example),),
             _plots(result["size"], example),
-            f"deggflow bridge generate {options} --out trials.jsonl\n"
-            f"deggflow bridge render trials.jsonl --lines {line} --nominal --curves",
+            commands(result, "--nominal --curves"),
             (
                 Finding(
                     "Task 1, q_safe at tau = 1 before the nominal failure: nominal / guided",

@@ -161,3 +161,12 @@ def is_telling(example: Mapping[str, Any]) -> bool:
         and place["q_safe_nominal"][-1] > 0
         and place["q_safe"][-1] <= 0
     )
+
+
+def commands(result: Mapping[str, Any], pictures: str) -> str:
+    """The commands that make the trials of a result up to its example, and draw that one with the options `pictures`."""
+    line = result["example"]["number"] + 1
+    return (
+        f"deggflow bridge generate --size {result['size']} --count {line} --seed {result['seed']} --out trials.jsonl\n"
+        f"deggflow bridge render trials.jsonl --lines {line} {pictures}"
+    )

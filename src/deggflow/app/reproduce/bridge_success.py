@@ -8,6 +8,7 @@ from deggflow.statistics import Rate
 from deggflow.tasks.bridge.evaluate import KINDS, Evaluation, evaluate
 from deggflow.tasks.bridge.field import BridgeField, load_field
 from deggflow.tasks.bridge.generator import MAX_DRAWS
+from deggflow.tasks.bridge.options import BridgeEvaluate
 from deggflow.view.rates import SuccessBars, success_bars
 from deggflow.view.style import GUIDED, NOMINAL
 
@@ -76,10 +77,11 @@ def measure_rows(
     field: BridgeField, sizes: Sequence[int], trials: int, seed: int, say: Progress
 ) -> dict[str, Any]:
     """One row for each size."""
+    options = BridgeEvaluate(trials=trials, seed=seed, max_draws=MAX_DRAWS)
     rows = []
     for size in sizes:
         say(f"N = {size}: {trials} trials, nominal and guided")
-        rows.append(evaluate(field, size, trials, seed, MAX_DRAWS).to_json())
+        rows.append(evaluate(field, size, options).to_json())
     unmet = [text for row in rows for text in (*row["blocked"], *row["refuted"])]
     return {"trials": trials, "seed": seed, "max_draws": MAX_DRAWS, "rows": rows, UNMET: unmet}
 

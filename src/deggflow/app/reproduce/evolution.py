@@ -19,6 +19,9 @@ from deggflow.tasks.tabletop.verdict import BUFFER, Breach, Poses, Verdict, judg
 
 from .experiment import Progress
 
+Fits = Callable[[SceneCondition, Poses], SceneCondition | None]
+"""(a default condition, its nominal scene) -> the condition for guidance, or None if the case does not fit."""
+
 _BATCH = 16  # cases of one search step
 _LIMIT = 2_048  # cases searched in all
 
@@ -115,7 +118,7 @@ def first_pair(
     guided: TabletopGenerator,
     size: int,
     seed: int,
-    fits: Callable[[SceneCondition, Poses], SceneCondition | None],
+    fits: Fits,
     say: Progress,
 ) -> Pair:
     """The first case of a seed whose nominal scene fits and which guidance satisfies.
@@ -148,7 +151,7 @@ def _candidates(
     nominal: TabletopGenerator,
     size: int,
     seed: int,
-    fits: Callable[[SceneCondition, Poses], SceneCondition | None],
+    fits: Fits,
     say: Progress,
 ) -> Iterator[tuple[Case, SceneCondition]]:
     for first in range(0, _LIMIT, _BATCH):

@@ -16,7 +16,7 @@ from deggflow.view.evolution import LEAST, ViolationCurves, draw_violations
 from deggflow.view.sheet import picture_row
 from deggflow.view.tabletop import render
 
-from .evolution import final, first_pair, in_words
+from .evolution import Fits, Pair, final, first_pair, in_words
 from .experiment import DataTable, Experiment, Finding, Plot, Progress, Section, Settings
 from .words import cases, scientific
 
@@ -45,15 +45,8 @@ class LeftHanded:
 
     def measure(self, settings: Settings, say: Progress) -> Mapping[str, Any]:
         """The first case of the seed in which the nominal scene fails only for the other hand."""
-        field = load_field()
-        guided = TabletopGenerator(field, tabletop_guidance(), drift=default_drift(phase="during"))
-        pair = first_pair(TabletopGenerator(field), guided, 7, settings.seed, _other_hand, say)
-        return {
-            "seed": settings.seed,
-            "condition": pair.case.condition.to_json(),
-            "required": left_handed(pair.case.condition).to_json(),
-            **pair.to_json(),
-        }
+        pair = _first_pair(7, _other_hand, settings, say)
+        return _found(pair, settings, required=left_handed(pair.case.condition).to_json())
 
     def present(self, result: Mapping[str, Any], settings: Settings) -> Section:
         """The nominal scene for each hand, the guided scene, and V along both generations."""
@@ -99,14 +92,7 @@ class Rescue:
 
     def measure(self, settings: Settings, say: Progress) -> Mapping[str, Any]:
         """The first case of the seed whose nominal scene violates several default requirements."""
-        field = load_field()
-        guided = TabletopGenerator(field, tabletop_guidance(), drift=default_drift(phase="during"))
-        pair = first_pair(TabletopGenerator(field), guided, 8, settings.seed, _several, say)
-        return {
-            "seed": settings.seed,
-            "condition": pair.case.condition.to_json(),
-            **pair.to_json(),
-        }
+        return _found(_first_pair(8, _several, settings, say), settings)
 
     def present(self, result: Mapping[str, Any], settings: Settings) -> Section:
         """Both scenes, V along both generations, and the violations in words."""
@@ -170,6 +156,19 @@ def _several(condition: SceneCondition, poses: Poses) -> SceneCondition | None:
 def pairs_apart(breaches: tuple[Breach, ...]) -> set[frozenset[int]]:
     """Different pairs of objects (or object and edge) with a violation of at least `CLEAR`."""
     return {frozenset((each.owner, each.other)) for each in breaches if each.margin <= -CLEAR}
+
+
+def _first_pair(size: int, fits: Fits, settings: Settings, say: Progress) -> Pair:
+    """The first pair of the seed whose nominal scene fits."""
+    field = load_field()
+    guided = TabletopGenerator(field, tabletop_guidance(), drift=default_drift(phase="during"))
+    return first_pair(TabletopGenerator(field), guided, size, settings.seed, fits, say)
+
+
+def _found(pair: Pair, settings: Settings, **more: Any) -> dict[str, Any]:
+    """A pair as a result holds it."""
+    condition = pair.case.condition.to_json()
+    return {"seed": settings.seed, "condition": condition, **more, **pair.to_json()}
 
 
 def _caption(verdict: Verdict, condition: SceneCondition) -> str:

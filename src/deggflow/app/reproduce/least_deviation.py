@@ -8,12 +8,12 @@ from jaxtyping import Bool, Float
 
 from deggflow.deviation import lower_confidence
 from deggflow.schema import parse_as
-from deggflow.tasks.tabletop.baselines import METHODS, Method
+from deggflow.tasks.tabletop.baselines import Method
 from deggflow.tasks.tabletop.field import load_field
 from deggflow.tasks.tabletop.two_sided import LOWER, NEAREST, CaseDeviations, jobs
 from deggflow.view.standing import Standing, StandingPanel, draw_standing
 
-from .baselines import LOOKS, QUICK_METHODS
+from .baselines import BY_NAME, LOOKS, compared
 from .experiment import UNMET, DataTable, Experiment, Finding, Plot, Progress, Section, Settings
 from .rows import kept_rows
 from .run import code_digest
@@ -22,7 +22,6 @@ SIZES, QUICK_SIZES = (4, 8, 12), (8,)
 NEARBY = "predict, then pooled"  # the second start of the search for near scenes
 ROUNDING = 1e-6  # relative, of paths in float32 and of the bounds computed from them
 
-_NAMES = {method.name: method for method in METHODS}
 _METHOD = (
     "Every method runs at its selected setting on the same field, from the same z(0), under the same randomly changed "
     "requirements; the deviation is the RMS distance to the nominal sample of the same z(0), and so bounds W2 from above. "
@@ -41,8 +40,7 @@ class LeastDeviation:
     def measure(self, settings: Settings, say: Progress) -> Mapping[str, Any]:
         """The bounds and every method's deviations, case by case."""
         sizes = QUICK_SIZES if settings.quick else SIZES
-        names = [each.name for each in METHODS if not settings.quick or each.name in QUICK_METHODS]
-        methods: list[Method | str] = [LOWER, NEAREST, *(_NAMES[name] for name in names)]
+        methods: list[Method | str] = [LOWER, NEAREST, *compared(settings)]
         grid = [(size, method) for size in sizes for method in methods]
         cases = settings.cases(256, 16)
         identity = {
@@ -51,7 +49,7 @@ class LeastDeviation:
             "code": code_digest(),
             "rows": [[size, m if isinstance(m, str) else m.name] for size, m in grid],
         }
-        todo = jobs(load_field(), grid, cases, settings.seed, _NAMES[NEARBY], say)
+        todo = jobs(load_field(), grid, cases, settings.seed, BY_NAME[NEARBY], say)
         rows = kept_rows(settings, self.name, identity, todo, CaseDeviations)
         return {
             "cases": cases,
@@ -192,7 +190,7 @@ def _between(rows: Sequence[CaseDeviations], size: int) -> str:
 
 def _in_words(rows: Sequence[CaseDeviations], size: int) -> str:
     complete = [
-        row for row in rows if row.size == size and row.method in _NAMES and all(row.satisfied)
+        row for row in rows if row.size == size and row.method in BY_NAME and all(row.satisfied)
     ]
     words = (
         f"N = {size}: the least RMS deviation of a method that always succeeds is {_between(rows, size)} "

@@ -1,7 +1,8 @@
 """Every experiment, in the order of the report."""
 
-from importlib.resources import files
 from pathlib import Path
+
+from deggflow.weights import packaged_weights
 
 from . import baselines, bridge, deviation, examples, least_deviation, tabletop
 from .curves import Sources, TrainingCurves
@@ -10,7 +11,7 @@ from .run import Entry
 
 def weights(task: str) -> Path:
     """The shipped weights of a task."""
-    return Path(str(files("deggflow.tasks"))) / task / "weights" / "field.safetensors"
+    return packaged_weights(f"deggflow.tasks.{task}")
 
 
 def entries(sources: Sources) -> tuple[Entry, ...]:

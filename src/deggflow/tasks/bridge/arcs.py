@@ -6,6 +6,8 @@ is a monotone function of time, and thus least at one end, unless a side of the 
 middle of the gap.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -17,6 +19,18 @@ _QUARTER = np.pi / 2
 _STILL = 1e-12  # rad/s below which rotations are not resolved by float64
 
 Poses = Float[np.ndarray, "... 3"]
+
+
+class Motions(NamedTuple):
+    """What actions do.
+
+    Attributes:
+        poses: At which the actions begin.
+        twists: Of the actions, constant for `DT` seconds.
+    """
+
+    poses: Float[np.ndarray, "actions 3"]
+    twists: Float[np.ndarray, "actions 3"]
 
 
 def moved(pose: Poses, twist: Poses, seconds: float | Float[np.ndarray, "..."]) -> Poses:
@@ -40,17 +54,15 @@ def moved(pose: Poses, twist: Poses, seconds: float | Float[np.ndarray, "..."]) 
 
 
 def turning_times(
-    poses: Float[np.ndarray, "actions 3"],
-    twists: Float[np.ndarray, "actions 3"],
-    points: Float[np.ndarray, "points 2"],
+    motions: Motions, points: Float[np.ndarray, "points 2"]
 ) -> Float[np.ndarray, "actions times"]:
     """Times (s) at which a point's velocity, or a side of the plank, is parallel to an axis of the world; `DT` where that is later.
 
     Args:
-        poses: At which the actions begin.
-        twists: Of the actions, constant for `DT` seconds.
+        motions: Of the plank.
         points: In the plank's frame, m.
     """
+    poses, twists = motions
     omega = twists[:, 2:]
     vx = twists[:, :1] - omega * points[:, 1]
     vy = twists[:, 1:2] + omega * points[:, 0]
@@ -73,20 +85,19 @@ def in_order(
 
 
 def crossing_times(
-    poses: Float[np.ndarray, "actions 3"],
-    twists: Float[np.ndarray, "actions 3"],
+    motions: Motions,
     points: Float[np.ndarray, "points 2"],
     times: Float[np.ndarray, "actions times"],
 ) -> Float[np.ndarray, "actions crossings"]:
     """Times (s) at which a point passes the middle of the gap, found by bisection; the rest are `DT`.
 
     Args:
-        poses: At which the actions begin.
-        twists: Of the actions.
+        motions: Of the plank.
         points: In the plank's frame, m.
         times: Between consecutive ones, starting from 0, every point's x is monotone.
     """
-    if not _may_pass(poses, twists, points):
+    poses, twists = motions
+    if not _may_pass(motions, points):
         return np.zeros((len(poses), 0))
     begin = np.concatenate([np.zeros((len(times), 1)), times], axis=1)
     on_right = _beyond(moved(poses[:, None], twists[:, None], begin), points)
@@ -104,12 +115,9 @@ def crossing_times(
     return out
 
 
-def _may_pass(
-    poses: Float[np.ndarray, "actions 3"],
-    twists: Float[np.ndarray, "actions 3"],
-    points: Float[np.ndarray, "points 2"],
-) -> bool:
+def _may_pass(motions: Motions, points: Float[np.ndarray, "points 2"]) -> bool:
     """Whether some action is fast enough to carry a point to the middle of the gap."""
+    poses, twists = motions
     farthest = np.hypot(points[:, 0], points[:, 1]).max(initial=0.0)
     speed = np.hypot(twists[:, 0], twists[:, 1]) + np.abs(twists[:, 2]) * farthest
     away = np.abs(_x(poses, points) - MIDDLE).min(axis=1, initial=np.inf)

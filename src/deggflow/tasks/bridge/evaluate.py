@@ -14,7 +14,9 @@ from .condition import TrialCondition
 from .expert import demonstrate, random_approach
 from .field import BridgeField
 from .generator import BridgeGenerator
+from .options import BridgeEvaluate
 from .oracle import refutation
+from .policies import few_evaluations
 from .requirements import bridge_guidance
 from .scenes import random_conditions
 from .trial import Trial
@@ -91,19 +93,13 @@ def _refuted(name: str, trials: Sequence[Trial]) -> list[str]:
     return [f"{name} trial {k}: {text}" for k, text in enumerate(texts, start=1) if text]
 
 
-def evaluate(
-    field: BridgeField,
-    size: int,
-    count: int,
-    seed: int,
-    max_draws: int,
-    drift: AbstractDrift | None = None,
-) -> Evaluation:
+def evaluate(field: BridgeField, size: int, options: BridgeEvaluate) -> Evaluation:
     """Nominal and guided trials of one size, every outcome replayed by the oracle."""
+    count, seed, drift = options.trials, options.seed, few_evaluations(options)
     conditions = random_conditions(size, count, seed)
     nominal = BridgeGenerator(field, drift=drift).trials(conditions, seed=seed)
     guided = BridgeGenerator(field, bridge_guidance(field.scales), drift=drift).trials(
-        conditions, seed=seed, max_draws=max_draws
+        conditions, seed=seed, max_draws=options.max_draws
     )
     kinds = [failure_kind(trial.reason) for trial in nominal if trial.reason is not None]
     return Evaluation(

@@ -1,8 +1,6 @@
 """The bridge's nominal vector field: the paper's network; what does not change along tau is computed once."""
 
 from collections.abc import Callable, Mapping
-from importlib.resources import files
-from pathlib import Path
 from typing import Any
 
 import equinox as eqx
@@ -14,7 +12,7 @@ from deggflow.field import TIME_FEATURES, time_features
 from deggflow.files import StrPath
 from deggflow.jsonl import InputError, expect_list, expect_number, expect_object
 from deggflow.shapes import Scalar, States
-from deggflow.weights import load_by_card
+from deggflow.weights import load_by_card, packaged_weights
 
 from .condition import CONTACT_SIZE, OTHER_SIZE, OWN_SIZE, BridgeCondition, Scales, observe
 from .world import AGENT_DIM, MAX_ROBOTS
@@ -22,6 +20,7 @@ from .world import AGENT_DIM, MAX_ROBOTS
 MESSAGE_WIDTH = 160
 HEAD_WIDTH = 256
 LARGEST_SCALE = 1e6  # m/s and rad/s; the least is its inverse
+SHIPPED = packaged_weights("deggflow.tasks.bridge")  # trained weights
 
 Velocity = Callable[[Scalar, States, Any], States]
 
@@ -105,11 +104,6 @@ def _bias(layer: eqx.nn.Linear) -> Float[Array, "1 width"]:
     return layer.bias[None]
 
 
-def shipped_weights() -> Path:
-    """The trained weights inside the package."""
-    return Path(str(files("deggflow.tasks.bridge"))) / "weights" / "field.safetensors"
-
-
 def _scales(value: Any) -> Scales:
     """Statistics from a card: finite, of the right number, and positive where they are divisors."""
     entries = expect_object(value, "scales", Scales._fields, Scales._fields)
@@ -138,4 +132,4 @@ def load_field(path: StrPath | None = None) -> BridgeField:
         scales = _scales(card.get("scales"))
         return eqx.filter_eval_shape(lambda key: BridgeField(scales, key=key), jax.random.key(0))
 
-    return load_by_card(shipped_weights() if path is None else path, skeleton)
+    return load_by_card(SHIPPED if path is None else path, skeleton)

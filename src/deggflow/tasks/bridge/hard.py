@@ -7,14 +7,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from deggflow.drift import AbstractDrift
 from deggflow.statistics import Rate, Row
 
 from .condition import TrialCondition
 from .factors import PLANK_BUFFER, ROBOT_BUFFER
 from .field import BridgeField
 from .generator import BridgeGenerator, Start
+from .options import BridgeEvaluate
 from .oracle import TOLERANCE, refine_replay, replay
+from .policies import few_evaluations
 from .requirements import bridge_guidance
 from .scenes import random_condition
 from .verdict import bridges, margins
@@ -87,18 +88,12 @@ class HardPolicies(Row):
         return Rate(count, self.states)
 
 
-def evaluate_hard(
-    field: BridgeField,
-    size: int,
-    states: int,
-    seed: int,
-    max_draws: int,
-    drift: AbstractDrift | None = None,
-) -> HardPolicies:
+def evaluate_hard(field: BridgeField, size: int, options: BridgeEvaluate) -> HardPolicies:
     """Guided policies from hard states; each accepted one is replayed by the oracle."""
-    starts = hard_starts(size, states, seed)
+    states, drift = options.hard, few_evaluations(options)
+    starts = hard_starts(size, states, options.seed)
     generator = BridgeGenerator(field, bridge_guidance(field.scales), drift=drift)
-    policies = generator.single(starts, seed=seed, max_draws=max_draws)
+    policies = generator.single(starts, seed=options.seed, max_draws=options.max_draws)
     accepted = [each for each in policies if each.record.accepted]
     refused = [each for each in policies if not each.record.accepted]
     records = [each.record.generation for each in accepted]

@@ -17,7 +17,7 @@ from .codec import decode_twists
 from .condition import Scales
 from .data import Example, approaches, load_dataset, to_json
 from .expert import random_demonstration
-from .field import BridgeField, load_field, shipped_weights
+from .field import SHIPPED, BridgeField, load_field
 from .motion import contact_velocity
 from .world import EXECUTED, HORIZON, MAX_ROBOTS, MIN_ROBOTS
 
@@ -61,7 +61,7 @@ class BridgeModel(AbstractModel):
     noun = "demonstrations"
     sizes = (MIN_ROBOTS, MAX_ROBOTS)
     chunk = 256
-    shipped = shipped_weights()
+    shipped = SHIPPED
     loss_text = "L_MAC + 0.16 L_motion + 0.45 L_twist, tau ~ Unif[0, 1], z(0) ~ N(0, I)"
 
     def demonstrate(

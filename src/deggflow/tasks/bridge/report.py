@@ -1,9 +1,10 @@
 """What `deggflow bridge evaluate` measures and prints."""
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache
-from typing import Any
+from functools import cache, partial
+from typing import Any, TypeVar
 
+from deggflow.statistics import Row
 from deggflow.task import AbstractEvaluation, Table
 
 from .evaluate import SOURCES, Evaluation, Modes, Passes, count_modes, evaluate, passes
@@ -11,6 +12,8 @@ from .field import BridgeField
 from .hard import HardPolicies, blocked_texts, evaluate_hard
 from .options import BridgeEvaluate
 from .policies import few_evaluations
+
+R = TypeVar("R", bound=Row)
 
 _FAILURES = {
     "plank_leaves": "plank leaves",
@@ -22,25 +25,33 @@ _FAILURES = {
 }
 
 
-class SuccessEvaluation(AbstractEvaluation[Evaluation]):
-    """Nominal and guided trials of each size."""
+class _EvaluationOfSizes(AbstractEvaluation[R]):
+    """What is measured for each size.
 
-    row = Evaluation
+    Attributes:
+        counted: The option that says how many are measured.
+        measure: Measures one size.
+    """
+
+    counted: str
+    measure: Callable[[BridgeField, int, BridgeEvaluate], R]
 
     def __init__(
         self, field: BridgeField, options: BridgeEvaluate, settings: Mapping[str, Any]
     ) -> None:
         """Args: as of `evaluation_of`."""
-        self.field, self.options = field, options
-        self.settings = {**settings, "trials": options.trials, "sizes": list(options.sizes)}
-        self.jobs = [self._job(size) for size in options.sizes]
+        self.options = options
+        count, sizes = getattr(options, self.counted), list(options.sizes)
+        self.settings = {**settings, self.counted: count, "sizes": sizes}
+        self.jobs = [partial(self.measure, field, size, options) for size in sizes]
 
-    def _job(self, size: int) -> Callable[[], Evaluation]:
-        options = self.options
-        drift = few_evaluations(options)
-        return lambda: evaluate(
-            self.field, size, options.trials, options.seed, options.max_draws, drift
-        )
+
+class SuccessEvaluation(_EvaluationOfSizes[Evaluation]):
+    """Nominal and guided trials of each size."""
+
+    row = Evaluation
+    counted = "trials"
+    measure = staticmethod(evaluate)
 
     def tables(self, rows: Sequence[Evaluation]) -> list[Table | str]:
         """Success, failures of nominal trials, policies, and blocked or refuted trials."""
@@ -118,25 +129,12 @@ def _nominal_failures(rows: Sequence[Evaluation]) -> Table:
     )
 
 
-class HardEvaluation(AbstractEvaluation[HardPolicies]):
+class HardEvaluation(_EvaluationOfSizes[HardPolicies]):
     """Guided policies from hard states."""
 
     row = HardPolicies
-
-    def __init__(
-        self, field: BridgeField, options: BridgeEvaluate, settings: Mapping[str, Any]
-    ) -> None:
-        """Args: as of `evaluation_of`."""
-        self.field, self.options = field, options
-        self.settings = {**settings, "hard": options.hard, "sizes": list(options.sizes)}
-        self.jobs = [self._job(size) for size in options.sizes]
-
-    def _job(self, size: int) -> Callable[[], HardPolicies]:
-        options = self.options
-        drift = few_evaluations(options)
-        return lambda: evaluate_hard(
-            self.field, size, options.hard, options.seed, options.max_draws, drift
-        )
+    counted = "hard"
+    measure = staticmethod(evaluate_hard)
 
     def tables(self, rows: Sequence[HardPolicies]) -> list[Table | str]:
         """Outcomes of the policies, and the reasons of refusals."""

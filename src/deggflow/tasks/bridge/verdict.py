@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from . import world
-from .arcs import crossing_times, in_order, moved, turning_times
+from .arcs import Motions, crossing_times, in_order, moved, turning_times
 
 SUB_POSES = 4  # poses evaluated in every action, besides those at which a margin can be least
 _HALF = np.array([world.PLANK_LENGTH, world.PLANK_WIDTH]) / 2  # m
@@ -146,10 +146,10 @@ def decisive_times(
     contacts: Sequence[Sequence[float]],
 ) -> Float[np.ndarray, "actions times"]:
     """Times (s) within every action at which a margin can be least, its end included (`arcs`)."""
-    robots = robot_centres(contacts)
-    times = in_order(_REGULAR, turning_times(poses, twists, np.concatenate([_CORNERS, robots])))
+    motions, robots = Motions(poses, twists), robot_centres(contacts)
+    times = in_order(_REGULAR, turning_times(motions, np.concatenate([_CORNERS, robots])))
     # Where the plank's centre or a robot passes the middle of the gap, the nearer side changes.
-    passing = crossing_times(poses, twists, np.concatenate([_CENTRE, robots]), times)
+    passing = crossing_times(motions, np.concatenate([_CENTRE, robots]), times)
     if passing.size:
         times = in_order(_REGULAR, np.concatenate([times, passing], axis=1))
     return times

@@ -1,8 +1,6 @@
 """The fleet's nominal vector field: message passing among paths, conditioned on map, starts and goals."""
 
 from collections.abc import Mapping
-from importlib.resources import files
-from pathlib import Path
 from typing import Any
 
 import equinox as eqx
@@ -16,7 +14,7 @@ from deggflow.field.message_passing import Links, MessageRound, apply
 from deggflow.files import StrPath
 from deggflow.jsonl import InputError, expect_list, expect_number
 from deggflow.shapes import Scalar, States
-from deggflow.weights import expect_sizes, load_by_card
+from deggflow.weights import expect_sizes, load_by_card, packaged_weights
 
 from .condition import FleetArrays
 from .paths import BASIS, DIM, MODES, SCALES, WAYPOINTS
@@ -32,6 +30,7 @@ CROWD = 3.0  # sum of closeness up to which messages are added, not averaged
 OWN_SIZE = 2 * ACTIVE + 6 * POINTS + 5 + TIME_FEATURES
 PAIR_SIZE = 3 * MEETINGS
 LARGEST = {"width": 8192, "rounds": 64, "blocks": 64}  # that a card may name
+SHIPPED = packaged_weights("deggflow.tasks.fleet")  # trained weights
 
 _AT = np.round(np.linspace(1, WAYPOINTS - 2, POINTS)).astype(int)
 _SHARE = _AT / (WAYPOINTS - 1)
@@ -197,11 +196,6 @@ def _pairs(
     return pair, Links(None, weight / crowd)
 
 
-def shipped_weights() -> Path:
-    """The trained weights inside the package."""
-    return Path(str(files("deggflow.tasks.fleet"))) / "weights" / "field.safetensors"
-
-
 def load_field(path: StrPath | None = None) -> FleetField:
     """A trained field from a safetensors file and its card; the shipped one if no path is given.
 
@@ -223,4 +217,4 @@ def load_field(path: StrPath | None = None) -> FleetField:
             lambda key: FleetField(spread, key=key, **sizes), jax.random.key(0)
         )
 
-    return load_by_card(shipped_weights() if path is None else path, skeleton)
+    return load_by_card(SHIPPED if path is None else path, skeleton)

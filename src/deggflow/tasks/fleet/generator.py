@@ -16,7 +16,7 @@ from deggflow.flow import Field
 from deggflow.generation import refined_grid
 from deggflow.guidance import AbstractGuidance, NoGuidance
 from deggflow.recording import record
-from deggflow.redraw import Candidate, redraw_until_satisfied
+from deggflow.redraw import Candidate, finished, redraw_until_satisfied, with_draws
 from deggflow.sampler import Program, Sampler, numbered_noise
 from deggflow.step_guard import StepGuard
 
@@ -25,7 +25,7 @@ from .crowding import crowding
 from .draws import ChosenThenGuided, Draw, guided_throughout
 from .options import FleetFieldOptions
 from .paths import DIM, exact_path, to_modes
-from .plan import Plan, finished, robot_names, with_draws
+from .plan import Plan, robot_names
 from .planner import routes
 from .requirements import Crowding, fleet_guidance
 from .verdict import Verdict, judge

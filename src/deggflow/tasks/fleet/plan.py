@@ -1,14 +1,12 @@
 """A finished plan and its line in a file (format: JSON Lines, map units)."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from deggflow.certificate import Certificate
-from deggflow.redraw import Drawn
 
 from .condition import FleetCondition
 from .verdict import Verdict, judge
@@ -47,13 +45,3 @@ class Plan:
             "certificate": self.certificate.to_json(),
             "seed": self.seed,
         }
-
-
-def finished(plans: Sequence[Drawn[Plan]]) -> list[Plan]:
-    """Plans with the number of draws in their certificates."""
-    return [with_draws(each.sample, each.draws) for each in plans]
-
-
-def with_draws(plan: Plan, draws: int) -> Plan:
-    """The plan with this number of draws in its certificate."""
-    return replace(plan, certificate=replace(plan.certificate, draws=draws))

@@ -14,7 +14,7 @@ from deggflow.certificate import Certificate
 from deggflow.files import StrPath
 from deggflow.jsonl import InputError
 from deggflow.locks import locked
-from deggflow.redraw import Candidate, redraw_until_satisfied
+from deggflow.redraw import Candidate, finished, redraw_until_satisfied
 from deggflow.tables import longest_list, table_rows
 from deggflow.train import Dataset, StoredDataset
 from deggflow.train.store import is_stored, store
@@ -27,7 +27,7 @@ from .library import MAX_OBJECTS
 from .lines import SceneLine
 from .options import SceneRecipe
 from .relax import relaxed_scenes
-from .scene import Scene, finished
+from .scene import Scene
 from .symmetry import wrap
 from .verdict import judge
 

@@ -1,8 +1,6 @@
 """The tabletop's nominal vector field: the features of a scene that the network reads."""
 
 from collections.abc import Mapping
-from importlib.resources import files
-from pathlib import Path
 from typing import Any
 
 import equinox as eqx
@@ -13,7 +11,7 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray
 from deggflow.field import MessagePassingField, TeamFeatures, stack_features
 from deggflow.files import StrPath
 from deggflow.shapes import Scalar
-from deggflow.weights import expect_sizes, load_by_card
+from deggflow.weights import expect_sizes, load_by_card, packaged_weights
 
 from .codec import decode, place
 from .condition import Parts, TabletopCondition
@@ -26,6 +24,7 @@ SPREAD = (0.53, 0.50, 1.34)  # standard deviation of the training scenes in z
 NODE_SIZE = 2 + 8 + MAX_OBJECTS
 PAIR_SIZE = 6 + 6
 LARGEST = {"width": 8192, "rounds": 64, "head_width": 8192}  # that a card may name
+SHIPPED = packaged_weights("deggflow.tasks.tabletop")  # trained weights
 
 
 def _bodies(parts: Parts, agents: int) -> Parts:
@@ -102,11 +101,6 @@ def build_field(
     )
 
 
-def shipped_weights() -> Path:
-    """The trained weights inside the package."""
-    return Path(str(files("deggflow.tasks.tabletop"))) / "weights" / "field.safetensors"
-
-
 def load_field(path: StrPath | None = None) -> MessagePassingField:
     """A trained field from a safetensors file and its card; the shipped one if no path is given.
 
@@ -118,4 +112,4 @@ def load_field(path: StrPath | None = None) -> MessagePassingField:
         sizes = expect_sizes(card, LARGEST)
         return eqx.filter_eval_shape(build_field, jax.random.key(0), **sizes)
 
-    return load_by_card(shipped_weights() if path is None else path, skeleton)
+    return load_by_card(SHIPPED if path is None else path, skeleton)

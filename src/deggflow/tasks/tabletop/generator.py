@@ -15,7 +15,7 @@ from deggflow.flow import Field
 from deggflow.generation import DEFAULT_STEPS, Generation, refined_grid
 from deggflow.guidance import AbstractGuidance, DecoupledGuidance, NoGuidance
 from deggflow.recording import record
-from deggflow.redraw import Candidate, redraw_until_satisfied
+from deggflow.redraw import Candidate, finished, redraw_until_satisfied, with_draws
 from deggflow.sampler import Sampler, masked_sample, numbered_noise
 from deggflow.step_guard import StepGuard
 from deggflow.task import FieldOptions
@@ -27,7 +27,7 @@ from .condition import SceneCondition, TabletopCondition, padded_size, take, to_
 from .library import MAX_OBJECTS
 from .options import TabletopFieldOptions
 from .requirements import with_balance
-from .scene import Scene, finished, with_draws
+from .scene import Scene
 from .settled import judge_generated
 from .verdict import Poses
 

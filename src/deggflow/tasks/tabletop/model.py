@@ -13,7 +13,7 @@ from deggflow.task import AbstractModel, Recipe, TrainingData
 from deggflow.train import Dataset, StoredDataset
 
 from .data import CHUNK, load_dataset, make_scenes, stored_dataset
-from .field import build_field, load_field, shipped_weights
+from .field import SHIPPED, build_field, load_field
 from .library import MAX_OBJECTS
 from .options import SceneRecipe
 from .symmetry import random_symmetry
@@ -26,7 +26,7 @@ class TabletopModel(AbstractModel):
     noun = "scenes"
     sizes = (1, MAX_OBJECTS)
     chunk = CHUNK
-    shipped = shipped_weights()
+    shipped = SHIPPED
     loss_text = (
         "L_MAC, tau ~ Unif[0, 1], z(0) ~ N(0, I), the table's four symmetries drawn at random"
     )

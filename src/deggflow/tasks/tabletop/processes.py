@@ -12,7 +12,7 @@ from deggflow.drift import AbstractDrift
 from deggflow.flow import Field
 from deggflow.guidance import DecoupledGuidance
 from deggflow.jsonl import InputError
-from deggflow.redraw import Candidate, redraw_until_satisfied
+from deggflow.redraw import Candidate, finished, redraw_until_satisfied
 from deggflow.runtime import (
     DirectTransport,
     Exchange,
@@ -41,7 +41,7 @@ from .large.generator import initial_noise as large_noise
 from .large.parts import ObjectNeighbourhood
 from .options import TabletopGenerate
 from .requirements import tabletop_guidance
-from .scene import Scene, finished
+from .scene import Scene
 from .verdict import BUFFER
 
 MOST_OBJECTS = 1000

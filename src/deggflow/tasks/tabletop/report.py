@@ -1,32 +1,51 @@
 """What `deggflow tabletop evaluate` measures and prints."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from abc import abstractmethod
+from collections.abc import Callable, Collection, Mapping, Sequence
 from itertools import product
-from typing import Any
+from typing import Any, TypeVar
 
 from deggflow.flow import Field
+from deggflow.statistics import Row
 from deggflow.task import AbstractEvaluation, Table
 
 from .evaluate import ALLOCATIONS, Comparison, Evaluation, Failure, compare, evaluate
 from .generator import few_evaluations
 from .options import TabletopEvaluate
 
+R = TypeVar("R", bound=Row)
 
-class SuccessEvaluation(AbstractEvaluation[Evaluation]):
-    """Nominal and guided scenes for each size and family."""
 
-    row = Evaluation
+class _EvaluationOfSizes(AbstractEvaluation[R]):
+    """What is measured for each family and size, and for all else that rows differ in.
+
+    Attributes:
+        variants: Values of all else.
+        points: Family, size and variant of each row.
+    """
+
+    variants: Sequence[Collection[Any]] = ()
 
     def __init__(
         self, field: Field, options: TabletopEvaluate, settings: Mapping[str, Any]
     ) -> None:
         """Args: as of `evaluation_of`."""
         self.field, self.options, self.settings = field, options, settings
-        points = product(options.requirements, options.sizes)
-        self.jobs = [self._job(family, size) for family, size in points]
+        self.points = list(product(options.requirements, options.sizes, *self.variants))
+        self.jobs = [self._job(*point) for point in self.points]
 
-    def _job(self, family: str, size: int) -> Callable[[], Evaluation]:
+    @abstractmethod
+    def _job(self, family: str, size: int, *variant: Any) -> Callable[[], R]:
+        """Measures one row."""
+
+
+class SuccessEvaluation(_EvaluationOfSizes[Evaluation]):
+    """Nominal and guided scenes for each size and family."""
+
+    row = Evaluation
+
+    def _job(self, family: str, size: int, *variant: Any) -> Callable[[], Evaluation]:
         options = self.options
 
         def run() -> Evaluation:
@@ -98,23 +117,14 @@ class SuccessEvaluation(AbstractEvaluation[Evaluation]):
         return all(row.satisfied == row.cases and not row.refuted for row in rows)
 
 
-class AllocationComparison(AbstractEvaluation[Comparison]):
+class AllocationComparison(_EvaluationOfSizes[Comparison]):
     """The three allocations, re-anchored and not, on first draws."""
 
     row = Comparison
+    variants = (ALLOCATIONS, (False, True))
 
-    def __init__(
-        self, field: Field, options: TabletopEvaluate, settings: Mapping[str, Any]
-    ) -> None:
-        """Args: as of `evaluation_of`."""
-        self.field, self.options, self.settings = field, options, settings
-        self.points = list(product(options.requirements, options.sizes, ALLOCATIONS, (False, True)))
-        self.jobs = [self._job(*point) for point in self.points]
-
-    def _job(
-        self, family: str, size: int, allocation: str, reanchored: bool
-    ) -> Callable[[], Comparison]:
-        options = self.options
+    def _job(self, family: str, size: int, *variant: Any) -> Callable[[], Comparison]:
+        options, (allocation, reanchored) = self.options, variant
         return lambda: compare(
             self.field, size, family, options.cases, options.seed,
             allocation=allocation, reanchored=reanchored, drift=few_evaluations(options),

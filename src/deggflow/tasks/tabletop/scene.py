@@ -1,14 +1,12 @@
 """A finished scene and its line in a file (format: JSON Lines, SI units, radians)."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from deggflow.certificate import Certificate
-from deggflow.redraw import Drawn
 
 from .condition import SceneCondition
 from .verdict import Verdict, judge
@@ -39,13 +37,3 @@ class Scene:
             "certificate": self.certificate.to_json(),
             "seed": self.seed,
         }
-
-
-def finished(samples: Sequence[Drawn[Scene]]) -> list[Scene]:
-    """Scenes with the number of draws in their certificates."""
-    return [with_draws(each.sample, each.draws) for each in samples]
-
-
-def with_draws(scene: Scene, draws: int) -> Scene:
-    """The scene with this number of draws in its certificate."""
-    return replace(scene, certificate=replace(scene.certificate, draws=draws))

@@ -20,7 +20,7 @@ from deggflow.guidance import (
     PrivateRequirement,
 )
 from deggflow.recording import record
-from deggflow.redraw import Candidate, redraw_until_satisfied
+from deggflow.redraw import Candidate, finished, redraw_until_satisfied
 from deggflow.sampler import masked_sample
 from deggflow.shapes import Scalar
 from deggflow.step_guard import StepGuard
@@ -34,7 +34,7 @@ from deggflow.tasks.tabletop.generator import (
 )
 from deggflow.tasks.tabletop.margins import LABELS
 from deggflow.tasks.tabletop.requirements import balance_of, imbalance_of
-from deggflow.tasks.tabletop.scene import Scene, finished
+from deggflow.tasks.tabletop.scene import Scene
 from deggflow.tasks.tabletop.verdict import BUFFER, Poses
 
 from .condition import (
