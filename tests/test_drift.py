@@ -126,9 +126,9 @@ def test_the_nominal_part_has_its_order(make, order, power):
     with jax.enable_x64(True):
         errors = [
             np.abs(nominal_end(make(evaluations, power), z0) - exact).max()
-            for evaluations in (32, 64, 128)
+            for evaluations in (32, 128)
         ]
-    slope = np.log2(errors[0] / errors[2]) / 2
+    slope = np.log2(errors[0] / errors[1]) / 2
     assert slope > order - 0.25, errors
     # With equal steps the first ones, of lower order, still weigh little at these lengths.
     starts_lower = make is endpoint_3
