@@ -39,6 +39,7 @@ def subjects() -> dict[str, Subject]:
         joint,
         large_scenes,
         parts,
+        plans,
         processes,
         qp,
         rounding,
@@ -49,6 +50,7 @@ def subjects() -> dict[str, Subject]:
     return {
         "scenes": generation.scenes,
         "policies": generation.policies,
+        "plans": plans.plans,
         "few_evaluations": few.few_evaluations,
         "large_scenes": large_scenes.large_scenes,
         "parts": parts.parts,

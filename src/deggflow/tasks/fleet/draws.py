@@ -115,15 +115,7 @@ class ChosenThenGuided:
 
 
 def guided_throughout(
-    field: Field,
-    guidance: AbstractGuidance,
-    noise: Noise,
-    draws: Draw,
-    grid: Grid,
-    drift: AbstractDrift,
-    guard: StepGuard | None,
-    keep_trace: bool,
+    field: Field, guidance: AbstractGuidance, noise: Noise, draws: Draw, *how: Any
 ) -> Generation:
     """A program for `Sampler`: the generation from the first z(0), guided or nominal."""
-    z0, arrays = noise[:, 0], draws.arrays
-    return masked_batch(field, guidance, z0, arrays, grid, drift, guard, keep_trace)
+    return masked_batch(field, guidance, noise[:, 0], draws.arrays, *how)
