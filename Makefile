@@ -56,7 +56,7 @@ docs: $(VENV)/.dev $(VENV)/.docs
 	@echo "The documentation is in site/index.html."
 
 test-matrix:
-	@VERSIONS="$(VERSIONS)" EXTRA="$(EXTRA)" tests/matrix.sh $(ARGS)
+	@XLA_FLAGS="$(XLA_FLAGS)" VERSIONS="$(VERSIONS)" EXTRA="$(EXTRA)" tests/matrix.sh $(ARGS)
 
 release-check: $(VENV)/.release
 	@XLA_FLAGS="$(XLA_FLAGS)" PYTHON=$(PYTHON) RELEASE=$(BIN)/python tests/release_check.sh
