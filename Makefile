@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # Most of the tests' time goes into compiling programs that run for milliseconds, and with fewer optimizations that
 # takes a third as long. Tests of rounding are compiled as users do; `make test XLA_FLAGS=` does so with all. The same
 # holds of the tutorials that `make docs` runs.
-XLA_FLAGS ?= --xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true --xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1
+XLA_FLAGS ?= $(shell $(BIN)/python tests/xla_flags.py)
 
 .PHONY: help demo quick test test-matrix lint docs bench ray release-check clean
 
@@ -56,10 +56,10 @@ docs: $(VENV)/.dev $(VENV)/.docs
 	@echo "The documentation is in site/index.html."
 
 test-matrix:
-	@XLA_FLAGS="$(XLA_FLAGS)" VERSIONS="$(VERSIONS)" EXTRA="$(EXTRA)" tests/matrix.sh $(ARGS)
+	@VERSIONS="$(VERSIONS)" EXTRA="$(EXTRA)" tests/matrix.sh $(ARGS)
 
 release-check: $(VENV)/.release
-	@XLA_FLAGS="$(XLA_FLAGS)" PYTHON=$(PYTHON) RELEASE=$(BIN)/python tests/release_check.sh
+	@PYTHON=$(PYTHON) RELEASE=$(BIN)/python tests/release_check.sh
 
 bench: $(VENV)/.bench
 	@$(BIN)/python benchmarks/run.py $(ARGS)

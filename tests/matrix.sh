@@ -19,9 +19,10 @@ for version in ${VERSIONS:-3.11 3.12 3.13 3.14}; do
 		continue
 	fi
 	echo "Python $version, JAX $("$venv/bin/python" -c 'import jax; print(jax.__version__)')"
-	# As `make test`; XLA_FLAGS makes compiling quick, and tests of rounding, if any are among them, are compiled as users do.
+	# As `make test`: compiling is quick, and tests of rounding, if any are among them, are compiled as users do.
+	flags=${XLA_FLAGS-$("$venv/bin/python" tests/xla_flags.py)}
 	test=("$venv/bin/python" -m pytest -q -n 2 --dist worksteal)
-	"${test[@]}" -m "not rounding" "${@:-tests}"
+	XLA_FLAGS=$flags "${test[@]}" -m "not rounding" "${@:-tests}"
 	XLA_FLAGS='' "${test[@]}" -m rounding "${@:-tests}" || test $? -eq 5
 	tested+=("$version")
 done

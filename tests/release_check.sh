@@ -22,8 +22,9 @@ pip=("$folder/venv/bin/python" -m pip install --quiet --disable-pip-version-chec
 # The tests of the source distribution import the installed wheel: nothing puts src on the path.
 tar -xzf "$source" -C "$folder"
 cd "$folder"/deggflow-*/
-# As `make test`; XLA_FLAGS makes compiling quick, and tests of rounding are compiled as users do.
+# As `make test`: compiling is quick, and tests of rounding are compiled as users do.
+flags=${XLA_FLAGS-$("$folder/venv/bin/python" tests/xla_flags.py)}
 test=("$folder/venv/bin/python" -m pytest -q -n 2 --dist worksteal)
-"${test[@]}" -m "not rounding" ${TESTS:-tests}
+XLA_FLAGS=$flags "${test[@]}" -m "not rounding" ${TESTS:-tests}
 test -n "${TESTS:-}" || XLA_FLAGS= "${test[@]}" -m rounding tests
 echo "The release in dist is good."
