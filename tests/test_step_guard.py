@@ -100,13 +100,17 @@ def test_schemes_have_their_order(solver, order, key):
     assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.25)
 
 
-@pytest.mark.rounding
 def test_a_guard_that_finds_nothing_changes_nothing():
-    guidance = DecoupledGuidance((apart,))
-    with jax.enable_x64(True):  # what rounding makes of a step would grow along edges
-        fine, guarded = batch(guidance, None, 400), batch(guidance, StepGuard(), 400)
+    """Where V stays positive: about V = 0, V^rho has no bounded slope, and two programs' rounding grows to centimetres."""
+    gather = PrivateRequirement(
+        lambda z, condition: 0.5 - jnp.linalg.norm(z, axis=-1, keepdims=True), BUFFER
+    )
+    guidance, leave = DecoupledGuidance((gather,)), lambda tau, z, condition: 0.2 * z
+    with jax.enable_x64(True):
+        fine, guarded = (batch(guidance, guard, 400, field=leave) for guard in (None, StepGuard()))
     calm = np.asarray(guarded.work.refused_steps) == 0
-    assert calm.any()
+    assert calm.sum() >= 16
+    assert (np.asarray(guarded.summary.active_points)[calm] > 100).all()
     np.testing.assert_allclose(np.asarray(guarded.z)[calm], np.asarray(fine.z)[calm], atol=1e-9)
     assert np.all(np.asarray(guarded.work.evaluations)[calm] == 401)
 
