@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import cache
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +18,7 @@ from .condition import SceneCondition
 from .library import object_type, type_name
 
 BUFFER = 0.02  # m, delta^PE of the reported violation V (paper, Task 2)
-_CHUNK = 512  # scenes measured at once
+_CHUNK = 64  # scenes measured at once: of more, what is computed no longer fits the cache
 _FEW = 64  # largest number of shapes of a scene for which all pairs are measured
 
 Poses = Float[np.ndarray, "_ 3"]
@@ -195,43 +194,48 @@ def _polygon_distance(
 _Indices = tuple[Int[np.ndarray, " pairs"], Int[np.ndarray, " pairs"]]
 
 
-def _pairs(shapes: _Shapes, room: Float[np.ndarray, " shapes"]) -> _Indices:
+def _pairs(shapes: _Shapes, room: Float[np.ndarray, " shapes"], *, close: bool) -> _Indices:
     """Indices of the pairs to measure: bodies of two objects, and regions with others' bodies.
 
     Args:
         shapes: Of some scenes.
         room: How far each shape lies inside the table, m.
+        close: Leave out pairs that can't have the least margin of their scene and take no part in V, as shapes farther
+            apart than the least distance to the edge, and than the buffer, can't. In scenes of many shapes they always are.
     """
-    firsts, seconds = [], []
-    starts = np.searchsorted(shapes.scene, np.arange(shapes.scene[-1] + 2))
-    for begin, end in pairwise(starts):
-        owner, is_body = shapes.owner[begin:end], shapes.region[begin:end] < 0
-        if end - begin <= _FEW:
-            first, second = np.nonzero(np.ones((end - begin, end - begin), bool))
-        else:
-            # Shapes farther apart than the least distance to the edge cannot have the least margin.
-            beyond = max(BUFFER, float(np.min(room[begin:end])))
-            corners, radius = shapes.corners[begin:end], shapes.radius[begin:end]
-            first, second = _near(corners, radius, beyond)
-        later, apart = owner[first] < owner[second], owner[first] != owner[second]
-        relevant = is_body[second] & np.where(is_body[first], later, apart)
-        firsts.append(first[relevant] + begin)
-        seconds.append(second[relevant] + begin)
-    return np.concatenate(firsts), np.concatenate(seconds)
-
-
-def _near(
-    corners: Float[np.ndarray, "shapes 4 2"], radius: Float[np.ndarray, " shapes"], beyond: float
-) -> _Indices:
-    """Both orders of all pairs of shapes whose circumscribed circles are at most `beyond` apart, m."""
-    centre = corners.mean(axis=1)
-    extent = np.sqrt(np.sum((corners - centre[:, None]) ** 2, axis=-1)).max(axis=1) + radius
-    tree = KDTree(centre)
-    first, second = tree.query_pairs(2 * extent.max() + beyond, output_type="ndarray").T
+    scene, counts = shapes.scene, np.bincount(shapes.scene)
+    beyond = np.full(len(counts), np.inf)
+    with np.errstate(invalid="ignore"):  # where a pose is not a number, nothing is left out
+        np.minimum.at(beyond, scene, room)
+    beyond = np.where(close | (counts > _FEW), np.maximum(beyond, BUFFER), np.inf)
+    centre = shapes.corners.mean(axis=1)
+    corner = np.sqrt(np.sum((shapes.corners - centre[:, None]) ** 2, axis=-1))
+    extent = corner.max(axis=1) + shapes.radius
+    parts = [_all_pairs(scene, counts[scene] <= _FEW)]
+    for large in np.flatnonzero(counts > _FEW):
+        here = np.flatnonzero(scene == large)
+        distance = 2 * extent[here].max() + beyond[large]
+        one, two = here[KDTree(centre[here]).query_pairs(distance, output_type="ndarray").T]
+        parts.append((np.concatenate([one, two]), np.concatenate([two, one])))
+    first, second = (np.concatenate(each) for each in zip(*parts, strict=True))
+    is_body = shapes.region < 0
+    later, apart = (
+        compare(shapes.owner[first], shapes.owner[second]) for compare in (np.less, np.not_equal)
+    )
+    relevant = is_body[second] & np.where(is_body[first], later, apart)
+    first, second = first[relevant], second[relevant]
     gap = np.sqrt(np.sum((centre[first] - centre[second]) ** 2, axis=-1))
-    close = ~(gap > extent[first] + extent[second] + beyond)
-    first, second = first[close], second[close]
-    return np.concatenate([first, second]), np.concatenate([second, first])
+    near = ~(gap > extent[first] + extent[second] + beyond[scene[first]])
+    return first[near], second[near]
+
+
+def _all_pairs(scene: Int[np.ndarray, " shapes"], among: Bool[np.ndarray, " shapes"]) -> _Indices:
+    """Indices of both orders of all pairs of shapes of one scene, and of each shape with itself."""
+    begin, end = (np.searchsorted(scene, scene[among], side) for side in ("left", "right"))
+    counts = end - begin
+    first = np.repeat(np.flatnonzero(among), counts)
+    number = np.arange(len(first)) - np.repeat(np.cumsum(counts) - counts, counts)
+    return first, np.repeat(begin, counts) + number
 
 
 class _Measured(NamedTuple):
@@ -244,11 +248,13 @@ class _Measured(NamedTuple):
     shared: Bool[np.ndarray, " rows"]  # counts for both objects
 
 
-def _measure(conditions: Sequence[SceneCondition], poses: Sequence[Poses]) -> _Measured:
+def _measure(
+    conditions: Sequence[SceneCondition], poses: Sequence[Poses], *, close: bool
+) -> _Measured:
     shapes = _collect(conditions, poses)
     half = np.array([[c.width, c.depth] for c in conditions])[shapes.scene] / 2
     inside = half - np.abs(shapes.corners).max(axis=1) - shapes.radius[:, None]
-    first, second = _pairs(shapes, inside.min(axis=1))
+    first, second = _pairs(shapes, inside.min(axis=1), close=close)
     of_region = shapes.region[first] >= 0
     distance = np.empty(len(first))
     bodies, regions = np.nonzero(~of_region)[0], np.nonzero(of_region)[0]
@@ -291,7 +297,7 @@ def _balance(
 
 
 def _verdicts(conditions: Sequence[SceneCondition], poses: Sequence[Poses]) -> list[Verdict]:
-    rows, count = _measure(conditions, poses), len(conditions)
+    rows, count = _measure(conditions, poses, close=True), len(conditions)
     least = np.full(count, np.inf)
     with np.errstate(invalid="ignore"):  # a NaN margin is reported as a breach
         np.minimum.at(least, rows.scene, rows.margin)
@@ -340,7 +346,7 @@ def all_margins(condition: SceneCondition, poses: Poses) -> list[Margin]:
         condition: Of the scene.
         poses: x, y (m) and theta (rad) of each object.
     """
-    rows = _measure([condition], [poses])
+    rows = _measure([condition], [poses], close=False)
     least: dict[tuple[Kind, int, int, int], float] = {}
     for k in np.argsort(rows.margin, kind="stable"):
         key = _KINDS[rows.kind[k]], int(rows.owner[k]), int(rows.region[k]), int(rows.other[k])
