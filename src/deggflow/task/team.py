@@ -34,7 +34,7 @@ from .interface import (
     OnStatus,
     RunSettings,
 )
-from .options import EvaluateOptions, GenerateOptions, TaskOptions, TrainOptions, check_range
+from .options import EvaluateOptions, GenerateOptions, MessagePassingOptions, TaskOptions
 from .team_model import TeamModel
 from .team_report import TeamOptions, TeamSuccess
 from .team_sample import TeamCondition, TeamSample, parse_sample, sample_lines
@@ -53,19 +53,15 @@ UNVERIFIED: Unverified = {
 
 
 @dataclass(frozen=True)
-class TeamTrain(TrainOptions):
+class TeamTrain(MessagePassingOptions):
     """How to train the field.
 
     Attributes:
         steps: Training steps, a multiple of 500.
-        width: Width of the message-passing layers.
-        rounds: Rounds of messages.
-        head_width: Width of the last layers.
     """
 
     steps: int = 10_000
     width: int = 64
-    rounds: int = 2
     head_width: int = 128
 
 
@@ -248,8 +244,7 @@ class AbstractTeamTask(AbstractTask[TeamCondition, TeamSample]):
         self, field: Field, options: EvaluateOptions, weights: str | None
     ) -> TeamSuccess:
         """Success of nominal and guided samples."""
-        for size in options.sizes:
-            check_range("sizes", size, *self.sizes)
+        options.check_sizes(*self.sizes)
         return TeamSuccess(self, field, cast(TeamOptions, options), weights)
 
 
