@@ -63,17 +63,13 @@ class Judge:
 
 
 @dataclass(frozen=True)
-class Claim:
+class Claim(Judge):
     """A line is asked for that says what is true of poses set by hand.
 
     Attributes:
-        condition: As in a file.
-        poses: x, y (m) and theta (rad) of each object.
         seed: Of the scene that the poses were changed from.
     """
 
-    condition: Any
-    poses: Any
     seed: int
 
 
@@ -120,6 +116,16 @@ def studio_condition(value: Any, field: str = "condition") -> SceneCondition:
             field=f"{field}.objects".lstrip("."),
         )
     return condition
+
+
+def checked_scene(request: Judge | Replay | Write) -> tuple[SceneCondition, Poses]:
+    """Condition and poses of a page's message.
+
+    Raises:
+        InputError: As of `studio_condition` and `parse_poses`.
+    """
+    condition = studio_condition(request.condition)
+    return condition, parse_poses(request.poses, condition)
 
 
 def parse_poses(value: Any, condition: SceneCondition) -> Poses:
