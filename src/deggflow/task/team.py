@@ -48,7 +48,7 @@ UNVERIFIED: Unverified = {
     "seed": "",
     "certificate.draws": "",
     "certificate.violation": "",
-    **{f"certificate.generation.{name}": remark for name, remark in consistency.RECORD.items()},
+    **consistency.unverified_record("certificate.generation"),
 }
 
 
