@@ -185,9 +185,11 @@ class AbstractTask(ABC, Generic[C, R]):
     processes: "AgentFactory | None" = None
 
     @property
-    @abstractmethod
     def claim(self) -> Claim:
-        """How results that satisfy their requirements are described."""
+        """How results that satisfy their requirements are described: as that, by the task's noun."""
+        return Claim(
+            f"{self.noun} satisfies every requirement", f"{self.noun}s satisfy every requirement"
+        )
 
     @property
     @abstractmethod

@@ -29,7 +29,6 @@ from .interface import (
     AbstractGenerator,
     AbstractTask,
     Chunking,
-    Claim,
     Examination,
     OnStatus,
     RunSettings,
@@ -124,13 +123,6 @@ class AbstractTeamTask(AbstractTask[TeamCondition, TeamSample]):
         """Draws a sample on matplotlib axes."""
 
     # The rest is the same for all team tasks.
-
-    @property
-    def claim(self) -> Claim:
-        """The claim, with the task's own noun."""
-        return Claim(
-            f"{self.noun} satisfies every requirement", f"{self.noun}s satisfy every requirement"
-        )
 
     @property
     def formats(self) -> Formats[TeamCondition, TeamSample]:

@@ -46,7 +46,6 @@ class FleetTask(task.AbstractTask[FleetCondition, Plan]):
     sizes = (MIN_ROBOTS, MAX_ROBOTS)
     options = OPTIONS
     formats = task.Formats(parse_condition, parse_plan, plain, LINES, UNVERIFIED)
-    claim = task.Claim("plan satisfies every requirement", "plans satisfy every requirement")
     model = FleetModel()
 
     def random_conditions(

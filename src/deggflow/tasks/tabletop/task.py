@@ -57,7 +57,6 @@ class TabletopTask(task.AbstractTask[SceneCondition, Scene]):
     sizes = (1, MAX_LARGE)
     options = OPTIONS
     formats = task.Formats(parse_condition, parse_scene, plain, LINES, UNVERIFIED)
-    claim = task.Claim("scene satisfies every requirement", "scenes satisfy every requirement")
     model = TabletopModel()
     processes = TabletopProcesses()
 
