@@ -171,8 +171,7 @@ class TabletopDesk(TaskDesk):
         return request.rows(parse, "tabletop condition or scene", asker.check)
 
     def _export(self, request: Write, asker: Asker) -> dict[str, Any]:
-        kind = expect_choice(request.kind, "kind", SCENE_EXPORTS)
-        return SCENE_EXPORTS[kind](*checked_scene(request)).to_json()
+        return request.of(SCENE_EXPORTS)(*checked_scene(request)).to_json()
 
 
 def _noise(seed: int, draw: int) -> Any:

@@ -12,6 +12,8 @@ from deggflow.tasks.tabletop.large import is_large
 from deggflow.tasks.tabletop.library import MAX_OBJECTS
 from deggflow.tasks.tabletop.verdict import Poses
 
+from .messages import AbstractWrite
+
 MAX_POSE = 1e6  # m or rad, as in files
 
 
@@ -89,16 +91,14 @@ class Draw:
 
 
 @dataclass(frozen=True)
-class Write:
-    """A file is asked for.
+class Write(AbstractWrite):
+    """A file of a scene is asked for.
 
     Attributes:
-        kind: A key of `SCENE_EXPORTS`.
         condition: As in a file.
         poses: x, y (m) and theta (rad) of each object.
     """
 
-    kind: str
     condition: Any
     poses: Any
 
