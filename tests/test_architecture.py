@@ -17,6 +17,7 @@ FLOORS = [
         "files",
         "extras",
         "jsonl",
+        "lazy",
         "lines",
         "locks",
         "merging",

@@ -3,6 +3,8 @@
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from .lazy import lazy_names
+
 if TYPE_CHECKING:
     from . import requirements
     from .certificate import Certificate
@@ -40,47 +42,6 @@ if TYPE_CHECKING:
     from .step_guard import StepGuard
 
 __version__ = "0.1.0"
-
-# Loaded when first used: `deggflow --help` must not wait for JAX.
-_HOME = {
-    "certificate": ("Certificate",),
-    "certification": ("Trajectory", "certify", "certify_batch", "verdicts"),
-    "drift": (
-        "AfterPrediction",
-        "EveryStep",
-        "Extrapolated",
-        "ExtrapolatedEndpoint",
-        "Held",
-        "Midpoint",
-        "ModelCard",
-    ),
-    "frames": ("to_pandas",),
-    "generation": ("Generation", "generate", "generate_batch", "refined_grid"),
-    "guidance": (
-        "DecoupledGuidance",
-        "Fixed",
-        "Local",
-        "NoGuidance",
-        "Own",
-        "Pooled",
-        "PrivateRequirement",
-        "SharedFactor",
-        "SharedRequirements",
-        "TighteningBound",
-        "distances",
-        "from_pretrained",
-        "hinge_violation",
-        "min_norm_input",
-        "plot",
-        "safe_norm",
-    ),
-    "plotting": ("plot",),
-    "pretrained": ("ModelCard", "from_pretrained", "save_pretrained"),
-    "sampling": ("Samples", "sample"),
-    "solver": ("EULER", "HEUN", "RK4"),
-    "step_guard": ("StepGuard",),
-}
-_MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
     "EULER",
@@ -126,15 +87,51 @@ __all__ = [
     "verdicts",
 ]
 
+_load = lazy_names(
+    __name__,
+    {
+        "certificate": ("Certificate",),
+        "certification": ("Trajectory", "certify", "certify_batch", "verdicts"),
+        "drift": (
+            "AfterPrediction",
+            "EveryStep",
+            "Extrapolated",
+            "ExtrapolatedEndpoint",
+            "Held",
+            "Midpoint",
+        ),
+        "frames": ("to_pandas",),
+        "generation": ("Generation", "generate", "generate_batch", "refined_grid"),
+        "guidance": (
+            "DecoupledGuidance",
+            "Fixed",
+            "Local",
+            "NoGuidance",
+            "Own",
+            "Pooled",
+            "PrivateRequirement",
+            "SharedFactor",
+            "SharedRequirements",
+            "TighteningBound",
+            "distances",
+            "hinge_violation",
+            "min_norm_input",
+            "safe_norm",
+        ),
+        "plotting": ("plot",),
+        "pretrained": ("ModelCard", "from_pretrained", "save_pretrained"),
+        "sampling": ("Samples", "sample"),
+        "solver": ("EULER", "HEUN", "RK4"),
+        "step_guard": ("StepGuard",),
+    },
+)
+
 
 def __getattr__(name: str) -> Any:
+    """Loads names when they are first used: `deggflow --help` must not wait for JAX."""
     if name == "requirements":
         return importlib.import_module("deggflow.requirements")
-    if name not in _MODULE_OF:
-        raise AttributeError(f"module 'deggflow' has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"deggflow.{_MODULE_OF[name]}"), name)
-    globals()[name] = value
-    return value
+    return _load(name)
 
 
 def __dir__() -> list[str]:

@@ -37,6 +37,11 @@ RECORD: Unverified = {
 """Fields of a generation's record that depend on points which the line does not hold."""
 
 
+def unverified_record(field: str) -> Unverified:
+    """`RECORD` of a generation's record that stands in a field of the line."""
+    return {f"{field}.{name}": remark for name, remark in RECORD.items()}
+
+
 def unverified_line(fields: Unverified) -> str:
     """The fields in one line of text, with those of a record in braces."""
     of_records: dict[str, list[str]] = {}

@@ -53,3 +53,38 @@ class CaseRow(Row):
     def rate(self, count: int) -> Rate:
         """A count as a proportion of the cases."""
         return Rate(count, self.cases)
+
+
+@dataclass(frozen=True)
+class SuccessRow(CaseRow):
+    """Success of nominal and guided results of one size: counts out of `cases`.
+
+    Attributes:
+        size: Number of agents.
+        cases: Conditions, with the same z(0) for nominal and guided results.
+        nominal: Nominal results that satisfy every requirement.
+        first_draw: Guided results that do so at their first draw.
+        satisfied: Guided results that do so within the limit of draws.
+        most_draws: Largest number of draws of a guided result.
+        least_margin: Of guided results with a claim of success; None without such claims.
+        refuted: Claims that the oracle finds false.
+    """
+
+    size: int
+    cases: int
+    nominal: int
+    first_draw: int
+    satisfied: int
+    most_draws: int
+    least_margin: float | None
+    refuted: int
+
+    @property
+    def complete(self) -> bool:
+        """Whether every case was satisfied, and no claim of it refuted."""
+        return self.satisfied == self.cases and not self.refuted
+
+    @property
+    def margin_text(self) -> str:
+        """The least margin as tables show it."""
+        return "-" if self.least_margin is None else f"{self.least_margin:.3g}"

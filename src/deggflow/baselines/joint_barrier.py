@@ -6,11 +6,11 @@ import equinox as eqx
 
 from deggflow.shapes import Scalar, States
 
-from .baseline import AbstractStateless, Constraints, linearise, time_left
+from .barrier import AbstractBarrier
 from .relaxed_qp import relaxed_input
 
 
-class JointBarrier(AbstractStateless):
+class JointBarrier(AbstractBarrier):
     """The smallest joint input under one barrier row per constraint: grad h . (f + u) >= -gain (h - buffer) / (1 - tau).
 
     If a row is satisfied throughout, its violation vanishes in prescribed time: (h - buffer) shrinks as (1 - tau)^gain.
@@ -26,15 +26,11 @@ class JointBarrier(AbstractStateless):
     Source: flow matching barrier functions of SafeFlow (Dai et al., arXiv:2504.08661), for a team as a single agent.
     """
 
-    constraints: Constraints
-    gain: float | Scalar = 1.0
-    buffer: float = eqx.field(static=True, default=0.0)
     rows: int = eqx.field(static=True, default=24)
     slack: float = eqx.field(static=True, default=1e4)
 
     def correction(self, tau: Scalar, z: States, drift: States, condition: Any) -> States:
         """The QP's solution: the inputs of all agents."""
-        here = linearise(self.constraints, z, drift, condition)
-        b = -(here.rate + self.gain / time_left(tau) * (here.margin - self.buffer))
-        ell = -here.slope.reshape(len(b), -1)
+        slope, b = self.barrier_rows(tau, z, drift, condition)
+        ell = -slope.reshape(len(b), -1)
         return relaxed_input(ell, b, rows=self.rows, slack=self.slack).reshape(z.shape)

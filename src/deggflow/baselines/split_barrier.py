@@ -9,11 +9,11 @@ from jaxtyping import Array, Float
 
 from deggflow.shapes import Scalar, States
 
-from .baseline import AbstractStateless, Constraints, linearise, time_left
+from .barrier import AbstractBarrier
 from .relaxed_qp import relaxed_input
 
 
-class SplitBarrier(AbstractStateless):
+class SplitBarrier(AbstractBarrier):
     """Each agent takes 1 / k of a row that involves k agents, with a slack where it cannot satisfy its part.
 
     The rows and the prescribed-time gain are those of `JointBarrier`. The source has a constant gain, with which nothing
@@ -30,20 +30,16 @@ class SplitBarrier(AbstractStateless):
     Source: `dec_share_cbf` in the code of GCBF+ (Zhang et al., arXiv:2401.14554).
     """
 
-    constraints: Constraints
-    gain: float | Scalar = 1.0
-    buffer: float = eqx.field(static=True, default=0.0)
     rows: int = eqx.field(static=True, default=8)
     slack: float = eqx.field(static=True, default=1e4)
 
     def correction(self, tau: Scalar, z: States, drift: States, condition: Any) -> States:
         """The solution of each agent's QP."""
-        here = linearise(self.constraints, z, drift, condition)
-        involves = jnp.any(here.slope != 0, axis=-1)
+        slope, b = self.barrier_rows(tau, z, drift, condition)
+        involves = jnp.any(slope != 0, axis=-1)
         share = 1 / jnp.maximum(jnp.sum(involves, axis=-1), 1)
-        b = -share * (here.rate + self.gain / time_left(tau) * (here.margin - self.buffer))
 
-        def of_agent(slope: Float[Array, "constraints dim"]) -> Float[Array, " dim"]:
-            return relaxed_input(-slope, b, rows=self.rows, slack=self.slack)
+        def of_agent(own: Float[Array, "constraints dim"]) -> Float[Array, " dim"]:
+            return relaxed_input(-own, share * b, rows=self.rows, slack=self.slack)
 
-        return jax.vmap(of_agent, in_axes=1)(here.slope)
+        return jax.vmap(of_agent, in_axes=1)(slope)

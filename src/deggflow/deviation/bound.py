@@ -12,6 +12,9 @@ from scipy.special import logsumexp
 from .coupling import Coupled
 from .growth import Growth
 
+Courses = Float[np.ndarray, "*samples points"]
+"""Values at the points of the grid."""
+
 
 @dataclass(frozen=True)
 class Bounds:
@@ -37,9 +40,7 @@ class Bounds:
 
 
 def log_bound(
-    tau: Float[np.ndarray, " points"],
-    correction: Float[np.ndarray, "*samples points"],
-    growth: Float[np.ndarray, "*samples points"],
+    tau: Float[np.ndarray, " points"], correction: Courses, growth: Courses
 ) -> Float[np.ndarray, "*samples"]:
     """Logarithm of int_0^1 exp(int_s^1 L) |Gamma(s)| ds, both integrals by the trapezoidal rule on the grid.
 
@@ -55,9 +56,7 @@ def log_bound(
 
 
 def log_held_bound(
-    tau: Float[np.ndarray, " points"],
-    correction: Float[np.ndarray, "*samples points"],
-    lipschitz: Float[np.ndarray, "*samples points"],
+    tau: Float[np.ndarray, " points"], correction: Courses, lipschitz: Courses
 ) -> Float[np.ndarray, "*samples"]:
     """The bound for fixed Euler steps: |Delta_{k+1}| <= (1 + h L_k) |Delta_k| + h |Gamma_k|."""
     step = np.diff(tau)
@@ -65,10 +64,7 @@ def log_held_bound(
 
 
 def log_secant_bound(
-    tau: Float[np.ndarray, " points"],
-    correction: Float[np.ndarray, "*samples points"],
-    secant: Float[np.ndarray, "*samples points"],
-    quotient: Float[np.ndarray, "*samples points"],
+    tau: Float[np.ndarray, " points"], correction: Courses, secant: Courses, quotient: Courses
 ) -> Float[np.ndarray, "*samples"]:
     """The bound with the factor by which an Euler step of the nominal field stretches the gap Delta of a pair.
 
@@ -84,22 +80,20 @@ def log_secant_bound(
 
 def _log_recursion(
     step: Float[np.ndarray, " steps"],
-    correction: Float[np.ndarray, "*samples points"],
+    correction: Courses,
     log_factor: Float[np.ndarray, "*samples steps"],
 ) -> Float[np.ndarray, "*samples"]:
     """Logarithm of the last x of x' = factor x + h |Gamma|, from x = 0; each step uses the values at its start."""
     return _log_sum(_sums_from(log_factor)[..., 1:], step * correction[..., :-1])
 
 
-def _sums_from(steps: Float[np.ndarray, "*samples steps"]) -> Float[np.ndarray, "*samples points"]:
+def _sums_from(steps: Float[np.ndarray, "*samples steps"]) -> Courses:
     """Sums over the steps that begin at each point or after it."""
     sums = np.cumsum(steps[..., ::-1], axis=-1)[..., ::-1]
     return np.concatenate([sums, np.zeros_like(steps[..., :1])], axis=-1)
 
 
-def _log_sum(
-    exponent: Float[np.ndarray, "*samples points"], weight: Float[np.ndarray, "*samples points"]
-) -> Float[np.ndarray, "*samples"]:
+def _log_sum(exponent: Courses, weight: Courses) -> Float[np.ndarray, "*samples"]:
     with np.errstate(divide="ignore"):  # points without correction have weight zero
         return np.asarray(logsumexp(exponent + np.log(weight), axis=-1))
 

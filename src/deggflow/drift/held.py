@@ -47,6 +47,13 @@ class _AbstractHeld(AbstractDrift):
     evaluations: int
     power: float = MACRO_POWER
 
+    def __post_init__(self) -> None:
+        check_settings(self.evaluations, self.power)
+
+    def macro_grid(self) -> Float[np.ndarray, " points"]:
+        """As many steps as there are evaluations for."""
+        return macro_grid(self.evaluations // self.step_evaluations, self.power)
+
     def init(self, z0: States) -> States:
         """Zero, which is never read."""
         return jnp.zeros_like(z0)
@@ -75,13 +82,6 @@ class Held(_AbstractHeld):
 
     step_evaluations: ClassVar[int] = 1
 
-    def __post_init__(self) -> None:
-        check_settings(self.evaluations, self.power)
-
-    def macro_grid(self) -> Float[np.ndarray, " points"]:
-        """As many steps as evaluations."""
-        return macro_grid(self.evaluations, self.power)
-
     def step(self, field: Slope, state: States, interval: Interval, z: States) -> States:
         """The field's value."""
         return field(interval[0], z)
@@ -99,15 +99,11 @@ class Midpoint(_AbstractHeld):
     step_evaluations: ClassVar[int] = 2
 
     def __post_init__(self) -> None:
-        check_settings(self.evaluations, self.power)
+        super().__post_init__()
         if self.evaluations % 2:
             raise ValueError(
                 f"`evaluations` must be even, as each step takes two; got {self.evaluations}."
             )
-
-    def macro_grid(self) -> Float[np.ndarray, " points"]:
-        """Half as many steps as evaluations."""
-        return macro_grid(self.evaluations // 2, self.power)
 
     def step(self, field: Slope, state: States, interval: Interval, z: States) -> States:
         """The field's value in the middle."""

@@ -7,7 +7,7 @@ minima and maxima that are never above the exact ones, so that what it reaches h
 import abc
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -120,11 +120,8 @@ class _AbstractPair(AbstractFormula):
 
     one: AbstractFormula
     other: AbstractFormula
-
-    @property
-    @abc.abstractmethod
-    def combination(self) -> tuple[Exact, Smooth]:
-        """Exact, and smooth below it."""
+    combination: eqx.AbstractClassVar[tuple[Exact, Smooth]]
+    """Exact, and smooth below it."""
 
     def robustness(self, x: Float[Array, "axes agents waypoints"], condition: Any) -> Signal:
         exact, _ = self.combination
@@ -147,9 +144,7 @@ class Both(_AbstractPair):
         other: Another.
     """
 
-    @property
-    def combination(self) -> tuple[Exact, Smooth]:
-        return jnp.min, minimum_below
+    combination: ClassVar[tuple[Exact, Smooth]] = jnp.min, minimum_below
 
 
 class Either(_AbstractPair):
@@ -160,9 +155,7 @@ class Either(_AbstractPair):
         other: Another.
     """
 
-    @property
-    def combination(self) -> tuple[Exact, Smooth]:
-        return jnp.max, maximum_below
+    combination: ClassVar[tuple[Exact, Smooth]] = jnp.max, maximum_below
 
 
 class _AbstractWindowed(AbstractFormula):
@@ -170,11 +163,8 @@ class _AbstractWindowed(AbstractFormula):
 
     inner: AbstractFormula
     window: Window = eqx.field(static=True, default=(0, None))
-
-    @property
-    @abc.abstractmethod
-    def combination(self) -> tuple[Exact, Smooth, float]:
-        """Exact, smooth below it, and what waypoints outside of the window count as."""
+    combination: eqx.AbstractClassVar[tuple[Exact, Smooth, float]]
+    """Exact, smooth below it, and what waypoints outside of the window count as."""
 
     def robustness(self, x: Float[Array, "axes agents waypoints"], condition: Any) -> Signal:
         exact, _, beyond = self.combination
@@ -198,9 +188,7 @@ class Always(_AbstractWindowed):
             count.
     """
 
-    @property
-    def combination(self) -> tuple[Exact, Smooth, float]:
-        return jnp.min, minimum_below, FAR
+    combination: ClassVar[tuple[Exact, Smooth, float]] = jnp.min, minimum_below, FAR
 
 
 class Eventually(_AbstractWindowed):
@@ -211,9 +199,7 @@ class Eventually(_AbstractWindowed):
         window: As of `Always`; from a waypoint at which all of it is beyond the end, the formula fails.
     """
 
-    @property
-    def combination(self) -> tuple[Exact, Smooth, float]:
-        return jnp.max, maximum_below, -FAR
+    combination: ClassVar[tuple[Exact, Smooth, float]] = jnp.max, maximum_below, -FAR
 
 
 class Until(AbstractFormula):

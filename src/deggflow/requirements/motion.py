@@ -1,5 +1,6 @@
 """Limits of a trajectory's motion: speed, acceleration, curvature, length, and where it is from some waypoint on."""
 
+import abc
 from collections.abc import Sequence
 from typing import Any
 
@@ -28,7 +29,26 @@ def _limit(limit: Value, agents: int, condition: Any, dtype: Any) -> Float[Array
     return value if value.ndim == 0 else value[:, None]
 
 
-class Rate(AbstractOwnTerm):
+class _AbstractSize(AbstractOwnTerm):
+    """A limit less the size of vectors, of which each agent has one for each step."""
+
+    @abc.abstractmethod
+    def _vectors(self, z: States, condition: Any) -> Float[Array, "axes agents steps"]:
+        """Whose size is limited."""
+
+    @abc.abstractmethod
+    def _largest(self, z: States, condition: Any) -> Float[Array, "..."]:
+        """The limit, as of `_limit`."""
+
+    def exact(self, z: States, condition: Any) -> Float[Array, "agents margins"]:
+        return self._largest(z, condition) - exact.norm(self._vectors(z, condition))
+
+    def hinges(self, z: States, condition: Any, buffer: float) -> AgentValues:
+        excess = buffer - self._largest(z, condition) + length(self._vectors(z, condition))
+        return jnp.sum(hinge(excess), axis=1)
+
+
+class Rate(_AbstractSize):
     """A limit less the size of differences of positions: of order 1 speeds, of order 2 accelerations.
 
     Attributes:
@@ -39,17 +59,12 @@ class Rate(AbstractOwnTerm):
     limit: Value
     order: int = eqx.field(static=True)
 
-    def _rates(self, z: States, condition: Any) -> Float[Array, "axes agents steps"]:
+    def _vectors(self, z: States, condition: Any) -> Float[Array, "axes agents steps"]:
         x = self.layout.positions(z, condition)
         return jnp.diff(x, n=self.order, axis=2) / self.layout.dt**self.order
 
-    def exact(self, z: States, condition: Any) -> Float[Array, "agents margins"]:
-        limit = _limit(self.limit, len(z), condition, z.dtype)
-        return limit - exact.norm(self._rates(z, condition))
-
-    def hinges(self, z: States, condition: Any, buffer: float) -> AgentValues:
-        limit = _limit(self.limit, len(z), condition, z.dtype)
-        return jnp.sum(hinge(buffer - limit + length(self._rates(z, condition))), axis=1)
+    def _largest(self, z: States, condition: Any) -> Float[Array, "..."]:
+        return _limit(self.limit, len(z), condition, z.dtype)
 
     def label(self, column: int, columns: int, agents: Sequence[str]) -> MarginLabel:
         where = self.layout.when(column, True) if self.order == 1 else f" at waypoint {column + 1}"
@@ -124,7 +139,7 @@ class Length(AbstractOwnTerm):
         return MarginLabel("", self.layout.unit)
 
 
-class Near(AbstractOwnTerm):
+class Near(_AbstractSize):
     """A radius less the distance to a target, from some waypoint on, in m.
 
     Attributes:
@@ -137,7 +152,7 @@ class Near(AbstractOwnTerm):
     within: Value
     since: int = eqx.field(static=True)
 
-    def _offset(self, z: States, condition: Any) -> Float[Array, "axes agents steps"]:
+    def _vectors(self, z: States, condition: Any) -> Float[Array, "axes agents steps"]:
         x = self.layout.positions(z, condition)[..., self.since :]
         target = resolve(self.target, condition, z.dtype)
         if target.shape not in ((len(x),), (len(z), len(x))):
@@ -146,13 +161,8 @@ class Near(AbstractOwnTerm):
             )
         return x - (target.T[..., None] if target.ndim == 2 else target[:, None, None])
 
-    def exact(self, z: States, condition: Any) -> Float[Array, "agents margins"]:
-        within = _limit(self.within, len(z), condition, z.dtype)
-        return within - exact.norm(self._offset(z, condition))
-
-    def hinges(self, z: States, condition: Any, buffer: float) -> AgentValues:
-        within = _limit(self.within, len(z), condition, z.dtype)
-        return jnp.sum(hinge(buffer - within + length(self._offset(z, condition))), axis=1)
+    def _largest(self, z: States, condition: Any) -> Float[Array, "..."]:
+        return _limit(self.within, len(z), condition, z.dtype)
 
     def label(self, column: int, columns: int, agents: Sequence[str]) -> MarginLabel:
         return MarginLabel(self.layout.when(self.since + column, False).strip(), self.layout.unit)

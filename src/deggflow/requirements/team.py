@@ -28,7 +28,19 @@ def _mean(x: Offsets, mask: Mask) -> Float[Array, "axes 1 waypoints"]:
     return jnp.sum(x * weight, axis=1, keepdims=True) / jnp.sum(weight)
 
 
-class Formation(AbstractTerm):
+def _present(mask: Mask, agents: int) -> Bool[Array, " agents"]:
+    return jnp.ones(agents, bool) if mask is None else mask
+
+
+class _AbstractTeamTerm(AbstractTerm):
+    """A term in which the V_j of an agent that is not zero depends on the states of all agents."""
+
+    def active(self, z: States, condition: Any, buffer: float) -> Bool[Array, "owners agents"]:
+        owner = self.violation(z, condition, buffer) > 0
+        return owner[:, None] & _present(self.mask, len(z))[None]
+
+
+class Formation(_AbstractTeamTerm):
     """A radius less the distance of each agent from its place about the centroid, in m.
 
     Attributes:
@@ -57,19 +69,11 @@ class Formation(AbstractTerm):
         within = resolve(self.within, condition, z.dtype)
         return jnp.sum(hinge(buffer - within + length(self._offset(z, condition))), axis=1)
 
-    def active(self, z: States, condition: Any, buffer: float) -> Bool[Array, "owners agents"]:
-        owner = self.violation(z, condition, buffer) > 0
-        return owner[:, None] & _present(self.mask, len(z))[None]
-
     def label(self, column: int, columns: int, agents: Sequence[str]) -> MarginLabel:
         return MarginLabel(self.layout.when(column, False).strip(), self.layout.unit)
 
 
-def _present(mask: Mask, agents: int) -> Bool[Array, " agents"]:
-    return jnp.ones(agents, bool) if mask is None else mask
-
-
-class Centroid(AbstractTerm):
+class Centroid(_AbstractTeamTerm):
     """A radius less the distance of the centroid from a target, in m; every agent owns it.
 
     Attributes:
@@ -96,15 +100,11 @@ class Centroid(AbstractTerm):
         value = jnp.sum(hinge(buffer - within + length(self._offset(z, condition))))
         return jnp.broadcast_to(value, (len(z),))
 
-    def active(self, z: States, condition: Any, buffer: float) -> Bool[Array, "owners agents"]:
-        owner = self.violation(z, condition, buffer) > 0
-        return owner[:, None] & _present(self.mask, len(z))[None]
-
     def label(self, column: int, columns: int, agents: Sequence[str]) -> MarginLabel:
         return MarginLabel(self.layout.when(column, False).strip(), self.layout.unit)
 
 
-class Neighbour(AbstractTerm):
+class Neighbour(_AbstractTeamTerm):
     """A radius less the distance to the nearest other agent, in m.
 
     Attributes:
@@ -126,10 +126,6 @@ class Neighbour(AbstractTerm):
         room = jnp.where(jnp.isfinite(room), room, -1e6)
         return jnp.sum(hinge(buffer - maximum_below(room, EPS * buffer, axis=1)), axis=1)
 
-    def active(self, z: States, condition: Any, buffer: float) -> Bool[Array, "owners agents"]:
-        owner = self.violation(z, condition, buffer) > 0
-        return owner[:, None] & _present(self.mask, len(z))[None]
-
     def label(self, column: int, columns: int, agents: Sequence[str]) -> MarginLabel:
         where = self.layout.when(column, False)
         return MarginLabel(f"from its nearest neighbour{where}", self.layout.unit)
@@ -142,7 +138,7 @@ def _others(distance: Distances, mask: Mask) -> Distances:
     return jnp.where(none[..., None], jnp.inf, distance)
 
 
-class Connected(AbstractTerm):
+class Connected(_AbstractTeamTerm):
     """A radius less the longest link that the team needs to be connected, in m; every agent owns it.
 
     Guidance shortens every edge of the minimum spanning tree that is too long. The verdict compares, for every two agents,
@@ -171,10 +167,6 @@ class Connected(AbstractTerm):
         link = length(x[:, :, None] - x[:, None])
         total = jnp.sum(jnp.where(tree, hinge(buffer - within + link), 0.0))
         return jnp.broadcast_to(total, (len(z),))
-
-    def active(self, z: States, condition: Any, buffer: float) -> Bool[Array, "owners agents"]:
-        owner = self.violation(z, condition, buffer) > 0
-        return owner[:, None] & _present(self.mask, len(z))[None]
 
     def label(self, column: int, columns: int, agents: Sequence[str]) -> MarginLabel:
         return MarginLabel(f"longest link{self.layout.when(column, False)}", self.layout.unit)

@@ -5,18 +5,14 @@ messages over one websocket (`conversation`); what the server makes of a message
 Videos are drawn by processes of their own (`films`). `show` opens such a page on a sample of any problem in the plane.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from deggflow.lazy import lazy_names
 
 if TYPE_CHECKING:
     from .showing import Show, show
 
 __all__ = ["Show", "show"]
 
-
-def __getattr__(name: str) -> Any:
-    """Imports `show` when it is first used: the command's help does without JAX."""
-    if name in __all__:
-        from . import showing
-
-        return getattr(showing, name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+# The command's help does without JAX.
+__getattr__ = lazy_names(__name__, {"showing": ("Show", "show")})

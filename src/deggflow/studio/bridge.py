@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from deggflow.jsonl import expect_choice, expect_integer, parse_line
+from deggflow.jsonl import expect_integer, parse_line
 from deggflow.tasks.bridge import world
 from deggflow.tasks.bridge.condition import BridgeCondition
 from deggflow.tasks.bridge.consistency import contradictions
@@ -140,8 +140,7 @@ class BridgeDesk(TaskDesk):
         return request.rows(parse, "bridge condition or trial", asker.check)
 
     def _export(self, request: Write, asker: Asker) -> dict[str, Any]:
-        kind = expect_choice(request.kind, "kind", TRIAL_EXPORTS)
-        return TRIAL_EXPORTS[kind](_parsed(request.line)).to_json()
+        return request.of(TRIAL_EXPORTS)(_parsed(request.line)).to_json()
 
 
 def _parsed(line: str) -> Trial:

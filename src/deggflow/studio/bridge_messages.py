@@ -8,6 +8,8 @@ from deggflow.tasks.bridge.condition import TrialCondition
 from deggflow.tasks.bridge.formats import MAX_SEED, parse_condition
 from deggflow.tasks.bridge.generator import MAX_DRAWS
 
+from .messages import AbstractWrite
+
 
 @dataclass(frozen=True)
 class Random:
@@ -66,15 +68,13 @@ class PolicyCourse:
 
 
 @dataclass(frozen=True)
-class Write:
-    """A file is asked for.
+class Write(AbstractWrite):
+    """A file of a trial is asked for.
 
     Attributes:
-        kind: A key of `TRIAL_EXPORTS`.
-        line: A trial as it stands in a file.
+        line: The trial as it stands in a file.
     """
 
-    kind: str
     line: str
 
 

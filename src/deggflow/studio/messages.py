@@ -6,9 +6,9 @@ import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from io import BytesIO
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
-from deggflow.jsonl import InputError, parse_lines
+from deggflow.jsonl import InputError, expect_choice, parse_lines
 
 MAX_ROWS = 200  # of a file that is opened
 
@@ -55,6 +55,28 @@ class Open:
                 f"has {len(rows)} lines; the studio opens at most {MAX_ROWS}", file=self.name
             )
         return {"rows": rows}
+
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class AbstractWrite:
+    """A file is asked for.
+
+    Attributes:
+        kind: A key of the task's exports.
+    """
+
+    kind: str
+
+    def of(self, exports: Mapping[str, T]) -> T:
+        """The export of this kind.
+
+        Raises:
+            InputError: There is none.
+        """
+        return exports[expect_choice(self.kind, "kind", exports)]
 
 
 class Export(NamedTuple):

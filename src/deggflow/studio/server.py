@@ -1,9 +1,11 @@
 """The studio's web application: the page's files, and a websocket for each page."""
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.resources import files
+from importlib.resources.abc import Traversable
 from typing import NamedTuple
 
 import anyio
@@ -28,6 +30,7 @@ _TYPES = {
     "js": "text/javascript; charset=utf-8",
     "svg": "image/svg+xml",
 }
+_PART = re.compile(rb"<!-- part: ([a-z]+) -->\n")
 
 
 class Asset(NamedTuple):
@@ -46,10 +49,19 @@ def page_assets() -> dict[str, Asset]:
     """The page's files by name, read once: no request reaches the file system."""
     folder = files(__package__).joinpath("page")
     return {
-        entry.name: Asset(entry.read_bytes(), _TYPES[entry.name.rpartition(".")[2]])
+        entry.name: Asset(_whole(entry, folder), _TYPES[entry.name.rpartition(".")[2]])
         for entry in folder.iterdir()
         if entry.name.rpartition(".")[2] in _TYPES
     }
+
+
+def _whole(entry: Traversable, folder: Traversable) -> bytes:
+    """A file with what pages share: `<!-- part: head -->` stands for `parts/head.html`."""
+
+    def part(mark: re.Match[bytes]) -> bytes:
+        return folder.joinpath("parts", f"{mark[1].decode()}.html").read_bytes()
+
+    return _PART.sub(part, entry.read_bytes())
 
 
 def studio_app(

@@ -34,7 +34,7 @@ from .tabletop_messages import (
     Judge,
     Replay,
     Write,
-    parse_poses,
+    checked_scene,
     studio_condition,
 )
 
@@ -125,8 +125,7 @@ class TabletopDesk(TaskDesk):
         return judge_generated([condition], batch.poses).poses[0]
 
     def _replay(self, request: Replay, asker: Asker) -> dict[str, Any]:
-        condition = studio_condition(request.condition)
-        poses = parse_poses(request.poses, condition)
+        condition, poses = checked_scene(request)
         seed = expect_integer(request.seed, "seed", 0, MAX_SEED)
         draw = expect_integer(request.draw, "draw", 0, MAX_DRAWS - 1)
         nominal, guided = self._generators()
@@ -146,12 +145,10 @@ class TabletopDesk(TaskDesk):
         }
 
     def _judge(self, request: Judge, asker: Asker) -> dict[str, Any]:
-        condition = studio_condition(request.condition)
-        return judgement(condition, parse_poses(request.poses, condition))
+        return judgement(*checked_scene(request))
 
     def _line(self, request: Claim, asker: Asker) -> dict[str, Any]:
-        condition = studio_condition(request.condition)
-        poses = parse_poses(request.poses, condition)
+        condition, poses = checked_scene(request)
         seed = expect_integer(request.seed, "seed", 0, MAX_SEED)
         verdict = judge([condition], [poses])[0]
         reason = verdict.reason(condition.objects)
@@ -174,9 +171,7 @@ class TabletopDesk(TaskDesk):
         return request.rows(parse, "tabletop condition or scene", asker.check)
 
     def _export(self, request: Write, asker: Asker) -> dict[str, Any]:
-        kind = expect_choice(request.kind, "kind", SCENE_EXPORTS)
-        condition = studio_condition(request.condition)
-        return SCENE_EXPORTS[kind](condition, parse_poses(request.poses, condition)).to_json()
+        return request.of(SCENE_EXPORTS)(*checked_scene(request)).to_json()
 
 
 def _noise(seed: int, draw: int) -> Any:

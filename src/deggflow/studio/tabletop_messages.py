@@ -12,6 +12,8 @@ from deggflow.tasks.tabletop.large import is_large
 from deggflow.tasks.tabletop.library import MAX_OBJECTS
 from deggflow.tasks.tabletop.verdict import Poses
 
+from .messages import AbstractWrite
+
 MAX_POSE = 1e6  # m or rad, as in files
 
 
@@ -63,17 +65,13 @@ class Judge:
 
 
 @dataclass(frozen=True)
-class Claim:
+class Claim(Judge):
     """A line is asked for that says what is true of poses set by hand.
 
     Attributes:
-        condition: As in a file.
-        poses: x, y (m) and theta (rad) of each object.
         seed: Of the scene that the poses were changed from.
     """
 
-    condition: Any
-    poses: Any
     seed: int
 
 
@@ -93,16 +91,14 @@ class Draw:
 
 
 @dataclass(frozen=True)
-class Write:
-    """A file is asked for.
+class Write(AbstractWrite):
+    """A file of a scene is asked for.
 
     Attributes:
-        kind: A key of `SCENE_EXPORTS`.
         condition: As in a file.
         poses: x, y (m) and theta (rad) of each object.
     """
 
-    kind: str
     condition: Any
     poses: Any
 
@@ -120,6 +116,16 @@ def studio_condition(value: Any, field: str = "condition") -> SceneCondition:
             field=f"{field}.objects".lstrip("."),
         )
     return condition
+
+
+def checked_scene(request: Judge | Replay | Write) -> tuple[SceneCondition, Poses]:
+    """Condition and poses of a page's message.
+
+    Raises:
+        InputError: As of `studio_condition` and `parse_poses`.
+    """
+    condition = studio_condition(request.condition)
+    return condition, parse_poses(request.poses, condition)
 
 
 def parse_poses(value: Any, condition: SceneCondition) -> Poses:

@@ -1,7 +1,8 @@
 """The interfaces that a task implements, and the code that all tasks share."""
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from deggflow.lazy import lazy_names
 
 if TYPE_CHECKING:
     from .data import write_data
@@ -35,41 +36,6 @@ if TYPE_CHECKING:
     )
     from .training import data_files, train_field
 
-# Modules are loaded when first used: options are parsed before JAX is imported.
-_HOME = {
-    "data": ("write_data",),
-    "formats": ("Formats",),
-    "interface": (
-        "AbstractEvaluation",
-        "AbstractGenerator",
-        "AbstractPictures",
-        "AbstractTask",
-        "Chunking",
-        "Claim",
-        "Examination",
-        "OnStatus",
-        "PictureRequest",
-        "RunSettings",
-        "Table",
-    ),
-    "model": ("AbstractModel", "TrainingData"),
-    "options": (
-        "CertifyOptions",
-        "EvaluateOptions",
-        "FieldOptions",
-        "GenerateOptions",
-        "Phase",
-        "ProcessOptions",
-        "Recipe",
-        "RenderOptions",
-        "TaskOptions",
-        "TrainOptions",
-        "check_range",
-    ),
-    "training": ("data_files", "train_field"),
-}
-_MODULE = {name: module for module, names in _HOME.items() for name in names}
-
 __all__ = [
     "AbstractEvaluation",
     "AbstractGenerator",
@@ -101,8 +67,39 @@ __all__ = [
     "write_data",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    if name in _MODULE:
-        return getattr(importlib.import_module(f"{__name__}.{_MODULE[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+# Options are parsed before JAX is imported.
+__getattr__ = lazy_names(
+    __name__,
+    {
+        "data": ("write_data",),
+        "formats": ("Formats",),
+        "interface": (
+            "AbstractEvaluation",
+            "AbstractGenerator",
+            "AbstractPictures",
+            "AbstractTask",
+            "Chunking",
+            "Claim",
+            "Examination",
+            "OnStatus",
+            "PictureRequest",
+            "RunSettings",
+            "Table",
+        ),
+        "model": ("AbstractModel", "TrainingData"),
+        "options": (
+            "CertifyOptions",
+            "EvaluateOptions",
+            "FieldOptions",
+            "GenerateOptions",
+            "Phase",
+            "ProcessOptions",
+            "Recipe",
+            "RenderOptions",
+            "TaskOptions",
+            "TrainOptions",
+            "check_range",
+        ),
+        "training": ("data_files", "train_field"),
+    },
+)

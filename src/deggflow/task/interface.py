@@ -112,6 +112,22 @@ class Examination:
     certificate: str
     detail: Any = None
 
+    @classmethod
+    def of_verdict(
+        cls, holds: bool, reason: str | None, least: str, wrong: Sequence[Wrong], certificate: str
+    ) -> "Examination":
+        """Of a verdict that is made anew.
+
+        Args:
+            holds: Whether the result satisfies its requirements.
+            reason: Why it does not.
+            least: The least margin with its unit.
+            wrong: The false statements of the line.
+            certificate: The line's certificate as a table.
+        """
+        text = "now it holds" if holds else f"now it does NOT hold: {reason}"
+        return cls(holds, f"{text} (least margin {least})", wrong, certificate)
+
 
 class Table(NamedTuple):
     """A printed table of an evaluation.
@@ -169,9 +185,11 @@ class AbstractTask(ABC, Generic[C, R]):
     processes: "AgentFactory | None" = None
 
     @property
-    @abstractmethod
     def claim(self) -> Claim:
-        """How results that satisfy their requirements are described."""
+        """How results that satisfy their requirements are described: as that, by the task's noun."""
+        return Claim(
+            f"{self.noun} satisfies every requirement", f"{self.noun}s satisfy every requirement"
+        )
 
     @property
     @abstractmethod

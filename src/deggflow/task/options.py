@@ -94,6 +94,21 @@ class TrainOptions:
 
 
 @dataclass(frozen=True)
+class MessagePassingOptions(TrainOptions):
+    """How to train a message-passing field.
+
+    Attributes:
+        width: Width of the message-passing layers.
+        rounds: Rounds of messages.
+        head_width: Width of the last layers.
+    """
+
+    width: int = 128
+    rounds: int = 2
+    head_width: int = 256
+
+
+@dataclass(frozen=True)
 class FieldOptions:
     """How often the field is evaluated, and when guidance acts.
 
@@ -248,6 +263,11 @@ class EvaluateOptions(FieldOptions):
         super().__post_init__()
         check_range("seed", self.seed, 0, MAX_SEED)
         check_range("max-draws", self.max_draws, 1, MAX_DRAWS)
+
+    def check_sizes(self, least: int, most: int) -> None:
+        """Raises `InputError` if a size lies outside the task's range."""
+        for size in self.sizes:
+            check_range("sizes", size, least, most)
 
     def settings(self, task: str, weights: str | None) -> dict[str, Any]:
         """What tells runs apart, whatever is measured: JSON values by name. `weights` tells the field from others."""

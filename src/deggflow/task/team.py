@@ -29,12 +29,11 @@ from .interface import (
     AbstractGenerator,
     AbstractTask,
     Chunking,
-    Claim,
     Examination,
     OnStatus,
     RunSettings,
 )
-from .options import EvaluateOptions, GenerateOptions, TaskOptions, TrainOptions, check_range
+from .options import EvaluateOptions, GenerateOptions, MessagePassingOptions, TaskOptions
 from .team_model import TeamModel
 from .team_report import TeamOptions, TeamSuccess
 from .team_sample import TeamCondition, TeamSample, parse_sample, sample_lines
@@ -48,24 +47,20 @@ UNVERIFIED: Unverified = {
     "seed": "",
     "certificate.draws": "",
     "certificate.violation": "",
-    **{f"certificate.generation.{name}": remark for name, remark in consistency.RECORD.items()},
+    **consistency.unverified_record("certificate.generation"),
 }
 
 
 @dataclass(frozen=True)
-class TeamTrain(TrainOptions):
+class TeamTrain(MessagePassingOptions):
     """How to train the field.
 
     Attributes:
         steps: Training steps, a multiple of 500.
-        width: Width of the message-passing layers.
-        rounds: Rounds of messages.
-        head_width: Width of the last layers.
     """
 
     steps: int = 10_000
     width: int = 64
-    rounds: int = 2
     head_width: int = 128
 
 
@@ -128,13 +123,6 @@ class AbstractTeamTask(AbstractTask[TeamCondition, TeamSample]):
         """Draws a sample on matplotlib axes."""
 
     # The rest is the same for all team tasks.
-
-    @property
-    def claim(self) -> Claim:
-        """The claim, with the task's own noun."""
-        return Claim(
-            f"{self.noun} satisfies every requirement", f"{self.noun}s satisfy every requirement"
-        )
 
     @property
     def formats(self) -> Formats[TeamCondition, TeamSample]:
@@ -248,8 +236,7 @@ class AbstractTeamTask(AbstractTask[TeamCondition, TeamSample]):
         self, field: Field, options: EvaluateOptions, weights: str | None
     ) -> TeamSuccess:
         """Success of nominal and guided samples."""
-        for size in options.sizes:
-            check_range("sizes", size, *self.sizes)
+        options.check_sizes(*self.sizes)
         return TeamSuccess(self, field, cast(TeamOptions, options), weights)
 
 

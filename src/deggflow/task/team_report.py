@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from deggflow.flow import Field
-from deggflow.statistics import CaseRow
+from deggflow.statistics import SuccessRow
 
 from .interface import AbstractEvaluation, RunSettings, Table
 from .options import EvaluateOptions, GenerateOptions, check_range
@@ -31,28 +31,8 @@ class TeamOptions(EvaluateOptions):
 
 
 @dataclass(frozen=True)
-class TeamEvaluation(CaseRow):
-    """Counts out of `cases` for one size.
-
-    Attributes:
-        size: Number of agents.
-        cases: Random conditions, with the same z(0) for nominal and guided samples.
-        nominal: Nominal samples that satisfy every requirement.
-        first_draw: Guided samples that do so at their first draw.
-        satisfied: Guided samples that do so within the limit of draws.
-        most_draws: Largest number of draws of a guided sample.
-        least_margin: Least margin, by the oracle, of guided samples with a claim of success; None without such claims.
-        refuted: Claims that the oracle finds false.
-    """
-
-    size: int
-    cases: int
-    nominal: int
-    first_draw: int
-    satisfied: int
-    most_draws: int
-    least_margin: float | None
-    refuted: int
+class TeamEvaluation(SuccessRow):
+    """Counts for one size, with the least margin by the oracle."""
 
 
 class TeamSuccess(AbstractEvaluation[TeamEvaluation]):
@@ -118,7 +98,7 @@ class TeamSuccess(AbstractEvaluation[TeamEvaluation]):
                         row.rate(row.first_draw),
                         row.rate(row.satisfied),
                         row.most_draws,
-                        "-" if row.least_margin is None else f"{row.least_margin:.3g}",
+                        row.margin_text,
                         row.refuted,
                     )
                     for row in rows
@@ -129,7 +109,7 @@ class TeamSuccess(AbstractEvaluation[TeamEvaluation]):
 
     def complete(self, rows: Sequence[TeamEvaluation]) -> bool:
         """Whether every case was satisfied, and no claim refuted."""
-        return all(row.satisfied == row.cases and not row.refuted for row in rows)
+        return all(row.complete for row in rows)
 
 
 def _satisfied(sample: TeamSample) -> bool:

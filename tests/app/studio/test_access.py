@@ -37,6 +37,15 @@ def test_the_page_and_all_its_files_are_served(client):
         assert answer.headers["content-type"] == asset.type
 
 
+def test_pages_have_the_parts_that_they_share():
+    pages = {name: asset.content for name, asset in page_assets().items() if name.endswith(".html")}
+    assert set(pages) == {"index.html", "bridge.html", "show.html"}
+    for page in pages.values():
+        assert page.startswith(b"<!DOCTYPE html>\n")
+        assert page.rstrip().endswith(b"</html>")
+        assert b"<!-- part" not in page
+
+
 def test_the_page_asks_nothing_of_another_host(client):
     policy = client.get(f"/{TOKEN}/").headers["content-security-policy"]
     assert "default-src 'none'" in policy

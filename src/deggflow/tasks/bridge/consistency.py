@@ -34,10 +34,7 @@ UNVERIFIED: Unverified = {
     "certificate.policies[].q_safe": "likewise",
     "certificate.policies[].speed": "likewise, and where it is left out, as in files of earlier versions",
     "certificate.policies[].generation": "that it is there",
-    **{
-        f"certificate.policies[].generation.{name}": remark
-        for name, remark in consistency.RECORD.items()
-    },
+    **consistency.unverified_record("certificate.policies[].generation"),
     "certificate.policies[].generation.requirements[].value": "of a speed limit, as q_safe of the policy",
 }
 _STOPPED = re.compile(r"(?:blocked at policy|policy) ([0-9]{1,6}): ")

@@ -3,6 +3,8 @@
 Source: paper, App. on Task 1 (task and safety factors).
 """
 
+from typing import TypeVar
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
@@ -22,6 +24,8 @@ from .world import (
     Y_MAX,
     Y_MIN,
 )
+
+T = TypeVar("T", float, Array)
 
 EPSILON = 1e-6  # smooths |cos| and |sin|
 TASK_SHARPNESS, SAFE_SHARPNESS = 80.0, 60.0
@@ -47,18 +51,28 @@ def _half_extents(theta: Float[Array, "..."]) -> tuple[Float[Array, "..."], Floa
 def task_margins(pose: Float[Array, " 3"]) -> Float[Array, " 6"]:
     """m^task: support left and right of the gap, corridor left and right, plank within both sides (m)."""
     x, y, theta = pose
-    reach, side = _half_extents(theta)
-    corridor = (PLANK_LENGTH / 2 - ROBOT_RADIUS - END_CLEARANCE) * _smooth_abs(jnp.cos(theta))
-    return jnp.stack(
-        [
-            GAP_LEFT - x + reach - SUPPORT,
-            x + reach - GAP_RIGHT - SUPPORT,
-            GAP_LEFT - x + corridor - CORRIDOR,
-            x + corridor - GAP_RIGHT - CORRIDOR,
-            Y_MAX - y - side,
-            y - side - Y_MIN,
-        ]
-    )
+    return jnp.stack(plank_margins(x, y, _half_extents(theta), _smooth_abs(jnp.cos(theta))))
+
+
+def plank_margins(x: T, y: T, extents: tuple[T, T], cos: T) -> list[T]:
+    """m^task in the order of `task_margins`, of arrays or of Python's numbers.
+
+    Args:
+        x: Of the plank's centre, m.
+        y: Of the plank's centre, m.
+        extents: h_x and h_y, m.
+        cos: |cos| of its angle.
+    """
+    reach, side = extents
+    corridor = (PLANK_LENGTH / 2 - ROBOT_RADIUS - END_CLEARANCE) * cos
+    return [
+        GAP_LEFT - x + reach - SUPPORT,
+        x + reach - GAP_RIGHT - SUPPORT,
+        GAP_LEFT - x + corridor - CORRIDOR,
+        x + corridor - GAP_RIGHT - CORRIDOR,
+        Y_MAX - y - side,
+        y - side - Y_MIN,
+    ]
 
 
 def task_factor(pose: Float[Array, " 3"]) -> Scalar:

@@ -19,12 +19,11 @@ from .factors import (
     SAFE_SHARPNESS,
     TASK_SCALES,
     TASK_SHARPNESS,
+    plank_margins,
 )
 from .verdict import robot_centres
 from .world import (
     ANGULAR_SPEED,
-    CORRIDOR,
-    END_CLEARANCE,
     GAP_LEFT,
     GAP_RIGHT,
     HORIZON,
@@ -69,15 +68,7 @@ def _soft_supports(theta: float) -> tuple[float, float, float]:
 def _task_margins(pose: Float[np.ndarray, " 3"]) -> list[float]:
     x, y, theta = pose.tolist()
     cos, reach, side = _soft_supports(theta)
-    way = (PLANK_LENGTH / 2 - ROBOT_RADIUS - END_CLEARANCE) * cos
-    return [
-        GAP_LEFT - x + reach - SUPPORT,
-        x + reach - GAP_RIGHT - SUPPORT,
-        GAP_LEFT - x + way - CORRIDOR,
-        x + way - GAP_RIGHT - CORRIDOR,
-        Y_MAX - y - side,
-        y - side - Y_MIN,
-    ]
+    return plank_margins(x, y, (reach, side), cos)
 
 
 def _largest(values: Float[np.ndarray, " values"], sharpness: float) -> float:

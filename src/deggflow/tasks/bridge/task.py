@@ -3,22 +3,10 @@
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple, cast
 
+from deggflow import task
 from deggflow.consistency import Line
 from deggflow.drift import AbstractDrift
 from deggflow.flow import Field
-from deggflow.task import (
-    AbstractGenerator,
-    AbstractTask,
-    Chunking,
-    Claim,
-    EvaluateOptions,
-    Examination,
-    Formats,
-    GenerateOptions,
-    OnStatus,
-    RunSettings,
-    check_range,
-)
 
 from .condition import TrialCondition
 from .consistency import UNVERIFIED, contradictions, plain
@@ -38,19 +26,19 @@ from .trial import Trial
 from .world import MAX_ROBOTS, MIN_ROBOTS
 
 
-class TrialStream(AbstractGenerator[TrialCondition, Trial]):
+class TrialStream(task.AbstractGenerator[TrialCondition, Trial]):
     """Trials, yielded as soon as they and all earlier ones are over."""
 
     def __init__(self, generator: BridgeGenerator) -> None:
         """Args: generator: of trials."""
         self.generator = generator
 
-    def chunking(self, condition: TrialCondition) -> Chunking:
+    def chunking(self, condition: TrialCondition) -> task.Chunking:
         """All trials of a chunk advance together."""
-        return Chunking()
+        return task.Chunking()
 
     def generate(
-        self, conditions: Sequence[TrialCondition], run: RunSettings, on_status: OnStatus
+        self, conditions: Sequence[TrialCondition], run: task.RunSettings, on_status: task.OnStatus
     ) -> Iterator[list[Trial]]:
         """As `BridgeGenerator.stream`."""
 
@@ -81,25 +69,25 @@ class _Replayed(NamedTuple):
     fastest: float  # m/s, of a contact point
 
 
-class BridgeTask(AbstractTask[TrialCondition, Trial]):
+class BridgeTask(task.AbstractTask[TrialCondition, Trial]):
     """Task 1 of the paper: robots push a plank over a gap and cross it."""
 
     name = "bridge"
     noun = "trial"
     sizes = (MIN_ROBOTS, MAX_ROBOTS)
     options = OPTIONS
-    formats = Formats(parse_condition, parse_trial, plain, LINES, UNVERIFIED)
-    claim = Claim("trial bridges the gap", "trials bridge the gap")
+    formats = task.Formats(parse_condition, parse_trial, plain, LINES, UNVERIFIED)
+    claim = task.Claim("trial bridges the gap", "trials bridge the gap")
     model = BridgeModel()
     processes = BridgeProcesses()
 
     def random_conditions(
-        self, size: int, count: int, first: int, options: GenerateOptions
+        self, size: int, count: int, first: int, options: task.GenerateOptions
     ) -> list[TrialCondition]:
         """As `scenes.random_conditions`."""
         return random_conditions(size, count, options.seed, first)
 
-    def generator(self, field: Field, options: GenerateOptions) -> TrialStream:
+    def generator(self, field: Field, options: task.GenerateOptions) -> TrialStream:
         """Trials with the default guidance and a speed limit, or without any."""
         limit = cast(BridgeGenerate, options).speed_limit
         return TrialStream(
@@ -115,12 +103,12 @@ class BridgeTask(AbstractTask[TrialCondition, Trial]):
         """Whether the gap is not bridged, or a guided trial has no certificate that holds."""
         return (guided and not row["certificate"]["satisfied"]) or not row["outcome"]["success"]
 
-    def examine(self, result: Trial, line: Line) -> Examination:
+    def examine(self, result: Trial, line: Line) -> task.Examination:
         """By an independent integrator and Shapely."""
         refuted = refutation(line)
         wrong = contradictions(line)
         text = "the replay agrees" if refuted is None else f"the replay finds that {refuted}"
-        return Examination(
+        return task.Examination(
             result.success and refuted is None,
             text,
             wrong,
@@ -128,7 +116,7 @@ class BridgeTask(AbstractTask[TrialCondition, Trial]):
             _Replayed(refuted is not None, fastest_contact(line)),
         )
 
-    def conclude(self, examinations: Sequence[Examination]) -> str:
+    def conclude(self, examinations: Sequence[task.Examination]) -> str:
         """Numbers of successes and refutations, and the largest speed."""
         bridged = sum(each.holds for each in examinations)
         refuted = sum(each.detail.refuted or bool(each.wrong) for each in examinations)
@@ -139,9 +127,8 @@ class BridgeTask(AbstractTask[TrialCondition, Trial]):
         )
 
     def evaluation(
-        self, field: Field, options: EvaluateOptions, weights: str | None
+        self, field: Field, options: task.EvaluateOptions, weights: str | None
     ) -> SuccessEvaluation | HardEvaluation | ModesEvaluation:
         """Success and policies; or hard states; or the sides on which planks pass."""
-        for size in options.sizes:
-            check_range("sizes", size, MIN_ROBOTS, MAX_ROBOTS)
+        options.check_sizes(MIN_ROBOTS, MAX_ROBOTS)
         return evaluation_of(cast(BridgeField, field), cast(BridgeEvaluate, options), weights)

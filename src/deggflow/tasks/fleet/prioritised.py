@@ -7,7 +7,7 @@ best of its paths meets one of an earlier robot, that robot's place about that t
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -49,18 +49,25 @@ class Prioritised:
     evaluations: int
 
 
-def _cost(
-    path: Path,
-    others: Float[Array, "others 64 2"],
-    active: Bool[Array, "others 64"],
-    c: FleetArrays,
-) -> Scalar:
+class Avoided(NamedTuple):
+    """What a path keeps away from.
+
+    Attributes:
+        paths: Of all robots; far away where a robot has none yet.
+        active: Waypoints at which they count.
+    """
+
+    paths: Float[Array | np.ndarray, "others 64 2"]
+    active: Bool[Array | np.ndarray, "others 64"]
+
+
+def _cost(path: Path, avoided: Avoided, c: FleetArrays) -> Scalar:
     """Soft costs: squared shortfalls of clearances, of distances to constraints and of the speed limit; roughness."""
     step = jnp.diff(path, axis=0)
     points = jnp.concatenate([path, path[:-1] + step / 2])
     distance, _, _ = surroundings(points[:, 0], points[:, 1], c)
-    away = jnp.sqrt(jnp.sum((path[None] - others) ** 2, axis=-1) + 1e-9)
-    near = jnp.where(active, jnp.maximum(APART * c.radius + ROOM - away, 0.0), 0.0)
+    away = jnp.sqrt(jnp.sum((path[None] - avoided.paths) ** 2, axis=-1) + 1e-9)
+    near = jnp.where(avoided.active, jnp.maximum(APART * c.radius + ROOM - away, 0.0), 0.0)
     fast = jnp.maximum(jnp.sqrt(jnp.sum(step**2, axis=-1) + 1e-12) - 0.95 * c.speed_limit, 0.0)
     close = jnp.maximum(c.radius + ROOM - distance, 0.0)
     bend = jnp.diff(path, n=2, axis=0)
@@ -68,19 +75,14 @@ def _cost(
     return total / 2
 
 
-def _pushed(
-    z: Float[Array, "1 dim"],
-    others: Float[Array, "others 64 2"],
-    active: Bool[Array, "others 64"],
-    c: FleetArrays,
-) -> Float[Array, "1 dim"]:
+def _pushed(z: Float[Array, "1 dim"], avoided: Avoided, c: FleetArrays) -> Float[Array, "1 dim"]:
     """A state after gradient steps of the costs on its path; the ends stay."""
     path = to_path(z[0], c.start[0], c.goal[0])
     slope = jax.grad(_cost)
     path = jax.lax.fori_loop(
         0,
         PUSHES,
-        lambda _, x: x - RATE * slope(x, others, active, c).at[jnp.array([0, -1])].set(0),
+        lambda _, x: x - RATE * slope(x, avoided, c).at[jnp.array([0, -1])].set(0),
         path,
     )
     change = path - to_path(z[0], c.start[0], c.goal[0])
@@ -89,22 +91,20 @@ def _pushed(
 
 
 def denoiser(field: Field) -> Callable[..., Float[Array, "samples 64 2"]]:
-    """The compiled program (noise, one robot's arrays, others, active) -> paths, for `prioritised`."""
+    """The compiled program (noise, one robot's arrays, `Avoided`) -> paths, for `prioritised`."""
 
-    def sample(z: Any, c: FleetArrays, others: Any, active: Any) -> Path:
+    def sample(z: Any, c: FleetArrays, avoided: Avoided) -> Path:
         def step(k: Any, z: Any) -> Any:
             tau = k / STEPS
             velocity = field(tau, z, c)
             end = z + (1 - tau) * velocity
-            guided = jax.lax.cond(
-                tau >= BEGIN, lambda e: _pushed(e, others, active, c), lambda e: e, end
-            )
+            guided = jax.lax.cond(tau >= BEGIN, lambda e: _pushed(e, avoided, c), lambda e: e, end)
             return z + (guided - z) / (STEPS - k)
 
         end = jax.lax.fori_loop(0, STEPS, step, z)
         return to_path(end[0], c.start[0], c.goal[0])
 
-    return jax.jit(jax.vmap(sample, (0, None, None, None)))
+    return jax.jit(jax.vmap(sample, (0, None, None)))
 
 
 def _conflicts(
@@ -145,7 +145,9 @@ def prioritised(
         best, fewest = None, np.inf
         for _ in range(ROUNDS):
             rounds += 1
-            drawn = np.asarray(program(noise[robot][:, None], arrays, others, active), float)
+            drawn = np.asarray(
+                program(noise[robot][:, None], arrays, Avoided(others, active)), float
+            )
             drawn[:, 0], drawn[:, -1] = condition.starts[robot], condition.goals[robot]
             earlier = np.array(placed).reshape(-1, WAYPOINTS, 2)
             found = [_conflicts(path, earlier, least) for path in drawn]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from deggflow.flow import Field
-from deggflow.statistics import CaseRow
+from deggflow.statistics import SuccessRow
 from deggflow.task import AbstractEvaluation, Table
 
 from .drawn import random_conditions
@@ -22,20 +22,12 @@ from .schemes import OWN
 
 
 @dataclass(frozen=True)
-class FleetEvaluation(CaseRow):
-    """One map, scheme and size: counts out of `cases`.
+class FleetEvaluation(SuccessRow):
+    """One map, scheme and size; margins in map units. With MMD's own scheme all cases are alike but for z(0).
 
     Attributes:
         map: Name of the map.
         scheme: Of starts and goals.
-        size: Number of robots.
-        cases: Conditions; with MMD's own scheme all are alike but for z(0).
-        nominal: Nominal plans that satisfy every requirement.
-        first_draw: Plans that do so at their first draw.
-        satisfied: Plans that do so within the limit of draws.
-        most_draws: Largest number of draws.
-        least_margin: Map units, over the plans with a claim of success; None without such claims.
-        refuted: Claims that the oracle refutes.
         forced: First draws with a step that had to be taken above its limit.
         milliseconds: A plan at its first draw, in a batch of all cases, programs compiled.
         missed: Of first draws that fail, how often each requirement has the least margin.
@@ -44,18 +36,14 @@ class FleetEvaluation(CaseRow):
 
     map: str
     scheme: str
-    size: int
-    cases: int
-    nominal: int
-    first_draw: int
-    satisfied: int
-    most_draws: int
-    least_margin: float | None
-    refuted: int
     forced: int
     milliseconds: float
     missed: dict[str, int]
     failure: str | None
+
+    def to_json(self) -> dict[str, Any]:
+        """The fields by name, as a file holds them: what the row is of comes first."""
+        return {"map": self.map, "scheme": self.scheme, **super().to_json()}
 
 
 def evaluate(
@@ -76,10 +64,10 @@ def evaluate(
     worst = next((plan for plan in plans if not _satisfied(plan)), failed[0] if failed else None)
     forced = [g.forced_steps for plan in first if (g := plan.certificate.generation) is not None]
     return FleetEvaluation(
-        name,
-        scheme,
         size,
         options.cases,
+        map=name,
+        scheme=scheme,
         nominal=sum(map(_satisfied, nominal)),
         first_draw=options.cases - len(failed),
         satisfied=len(claims),
@@ -132,7 +120,7 @@ class SuccessEvaluation(AbstractEvaluation[FleetEvaluation]):
                 (
                     row.map, row.scheme, row.size, row.rate(row.nominal), row.rate(row.first_draw),
                     row.rate(row.satisfied), row.most_draws,
-                    "-" if row.least_margin is None else f"{row.least_margin:.3g}",
+                    row.margin_text,
                     row.refuted, row.forced, f"{row.milliseconds:.1f}",
                 )
                 for row in rows
@@ -148,7 +136,7 @@ class SuccessEvaluation(AbstractEvaluation[FleetEvaluation]):
 
     def complete(self, rows: Sequence[FleetEvaluation]) -> bool:
         """Whether every case was satisfied, and no claim of it refuted."""
-        return all(row.satisfied == row.cases and not row.refuted for row in rows)
+        return all(row.complete for row in rows)
 
 
 def _failures(rows: Sequence[FleetEvaluation]) -> Table:

@@ -47,7 +47,12 @@ class Roadmap(NamedTuple):
         self, start: Float[np.ndarray, "... 2"], end: Float[np.ndarray, "... 2"]
     ) -> Float[np.ndarray, "..."]:
         """Weighted length of straight moves; infinite where they are blocked."""
-        return _weight(self.floor, start, end, self.one_way, self.radius)
+        length = np.linalg.norm(end - start, axis=-1)
+        if self.one_way:
+            turn = start[..., 0] * end[..., 1] - start[..., 1] * end[..., 0]
+            length = length * np.where(turn < 0, BACKWARDS, 1.0)
+        free = straight(self.floor, start, end, self.radius + _ROOM)
+        return np.where(free, length, np.inf)
 
     def way(
         self, variant: int, start: Float[np.ndarray, " 2"], goal: Float[np.ndarray, " 2"]
@@ -96,20 +101,6 @@ class Roadmap(NamedTuple):
         return np.concatenate([start[None], self.points[chain[::-1]], goal[None]])
 
 
-def _weight(
-    floor: FloorMap,
-    start: Float[np.ndarray, "... 2"],
-    end: Float[np.ndarray, "... 2"],
-    one_way: bool,
-    radius: float,
-) -> Float[np.ndarray, "..."]:
-    length = np.linalg.norm(end - start, axis=-1)
-    if one_way:
-        turn = start[..., 0] * end[..., 1] - start[..., 1] * end[..., 0]
-        length = length * np.where(turn < 0, BACKWARDS, 1.0)
-    return np.where(straight(floor, start, end, radius + _ROOM), length, np.inf)
-
-
 def _points(floor: FloorMap, rng: np.random.Generator, radius: float) -> Points:
     away = radius + _CORNER
     corners = np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]])
@@ -152,7 +143,6 @@ def make_roadmap(
     """
     points = _points(floor, rng, radius) if floor.obstacles else np.zeros((0, 2))
     count = len(points)
-    weight = _weight(floor, points[:, None], points[None, :], one_way, radius)
     lengths, predecessors = (
         np.zeros((variants, count, count)),
         np.zeros((variants, count, count), int),
@@ -160,6 +150,7 @@ def make_roadmap(
     roads = Roadmap(floor, points, lengths, predecessors, one_way, radius)
     if not count:
         return roads
+    weight = roads.weight(points[:, None], points[None, :])
     tail, head = np.nonzero(np.isfinite(weight) & ~np.eye(count, dtype=bool))
     for k in range(variants):
         of_point = np.exp(_NOISE * rng.normal(size=count))  # moves share the weights of their ends

@@ -3,21 +3,9 @@
 from collections.abc import Iterator, Sequence
 from typing import cast
 
+from deggflow import task
 from deggflow.consistency import Line
 from deggflow.flow import Field
-from deggflow.task import (
-    AbstractGenerator,
-    AbstractTask,
-    Chunking,
-    Claim,
-    EvaluateOptions,
-    Examination,
-    Formats,
-    GenerateOptions,
-    OnStatus,
-    RunSettings,
-    check_range,
-)
 
 from .condition import MAX_ROBOTS, MIN_ROBOTS, FleetCondition
 from .consistency import UNVERIFIED, contradictions, holds, plain
@@ -32,37 +20,36 @@ from .plan import Plan
 from .report import SuccessEvaluation
 
 
-class PlanStream(AbstractGenerator[FleetCondition, Plan]):
+class PlanStream(task.AbstractGenerator[FleetCondition, Plan]):
     """Streams of plans."""
 
     def __init__(self, generator: FleetGenerator) -> None:
         """Args: generator: of plans."""
         self.generator = generator
 
-    def chunking(self, condition: FleetCondition) -> Chunking:
+    def chunking(self, condition: FleetCondition) -> task.Chunking:
         """Plans of a chunk are generated together."""
-        return Chunking(concurrent=True)
+        return task.Chunking(concurrent=True)
 
     def generate(
-        self, conditions: Sequence[FleetCondition], run: RunSettings, on_status: OnStatus
+        self, conditions: Sequence[FleetCondition], run: task.RunSettings, on_status: task.OnStatus
     ) -> Iterator[list[Plan]]:
         """All at once."""
         yield self.generator.plans(conditions, **run._asdict())
 
 
-class FleetTask(AbstractTask[FleetCondition, Plan]):
+class FleetTask(task.AbstractTask[FleetCondition, Plan]):
     """Disc robots share a floor: each goes from its start to its goal, clear of obstacles and of each other."""
 
     name = "fleet"
     noun = "plan"
     sizes = (MIN_ROBOTS, MAX_ROBOTS)
     options = OPTIONS
-    formats = Formats(parse_condition, parse_plan, plain, LINES, UNVERIFIED)
-    claim = Claim("plan satisfies every requirement", "plans satisfy every requirement")
+    formats = task.Formats(parse_condition, parse_plan, plain, LINES, UNVERIFIED)
     model = FleetModel()
 
     def random_conditions(
-        self, size: int, count: int, first: int, options: GenerateOptions
+        self, size: int, count: int, first: int, options: task.GenerateOptions
     ) -> list[FleetCondition]:
         """On the map and by the scheme that the options name."""
         fleet = cast(FleetGenerate, options)
@@ -71,28 +58,26 @@ class FleetTask(AbstractTask[FleetCondition, Plan]):
             size, count, fleet.map, fleet.scheme, options.seed, first, own_floor=floor
         )
 
-    def generator(self, field: Field, options: GenerateOptions) -> PlanStream:
+    def generator(self, field: Field, options: task.GenerateOptions) -> PlanStream:
         """Plans with the default guidance, or without any."""
         return PlanStream(
             FleetGenerator(field, cast(FleetGenerate, options), guided=options.guided)
         )
 
-    def examine(self, result: Plan, line: Line) -> Examination:
+    def examine(self, result: Plan, line: Line) -> task.Examination:
         """In closed form, by Shapely, and at many moments."""
         verdict = result.verdict()
-        good = holds(result, verdict)
-        text = "now it holds" if good else f"now it does NOT hold: {verdict.reason()}"
-        return Examination(
-            good,
-            f"{text} (least margin {verdict.min_margin:.3g} map units)",
+        return task.Examination.of_verdict(
+            holds(result, verdict),
+            verdict.reason(),
+            f"{verdict.min_margin:.3g} map units",
             contradictions(line),
             result.certificate.table(),
         )
 
     def evaluation(
-        self, field: Field, options: EvaluateOptions, weights: str | None
+        self, field: Field, options: task.EvaluateOptions, weights: str | None
     ) -> SuccessEvaluation:
         """Success of nominal and guided plans."""
-        for size in options.sizes:
-            check_range("sizes", size, MIN_ROBOTS, MAX_ROBOTS)
+        options.check_sizes(MIN_ROBOTS, MAX_ROBOTS)
         return SuccessEvaluation(field, cast(FleetEvaluate, options), weights)

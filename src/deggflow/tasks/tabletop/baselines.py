@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
+import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -12,7 +13,10 @@ from deggflow.baselines import (
     JointBarrier,
     PenaltyGradient,
     SplitBarrier,
+    predict_then_correct,
 )
+from deggflow.flow import Field
+from deggflow.generation import DEFAULT_STEPS, Generation, generate_batch
 from deggflow.guidance import (
     AbstractAllocation,
     AbstractGuidance,
@@ -40,14 +44,32 @@ def flat_margins(
     return jnp.concatenate([margin.reshape(-1) for margin in scene_margins(z, condition)])
 
 
-@dataclass(frozen=True)
-class BaselineRun:
+class BaselineRun(eqx.Module):
     """One method at one setting of its hyperparameters."""
 
     guidance: AbstractGuidance
     guard: StepGuard | None = None
     pull: Scalar | None = None  # of the fading field, after a prediction without guidance
     draws: int = 1  # samples drawn at most, until one satisfies
+
+    def generate(
+        self,
+        field: Field,
+        noise: Float[Array, "scenes agents 3"],
+        condition: TabletopCondition,
+        *,
+        keep_path: bool = False,
+    ) -> Generation:
+        """One draw of every scene; after a prediction, the path is that of the correction."""
+        if self.pull is None:
+            return generate_batch(
+                field, self.guidance, noise, condition,
+                guard=self.guard, keep_trace=False, keep_path=keep_path,
+            )  # fmt: skip
+        return predict_then_correct(
+            field, self.guidance, noise, condition,
+            steps=DEFAULT_STEPS, pull=self.pull, guard=self.guard, keep_path=keep_path,
+        )  # fmt: skip
 
 
 Hyperparameters = Mapping[str, float]

@@ -29,7 +29,7 @@ UNVERIFIED: Unverified = {
     "certificate.draws": "",
     "certificate.verdicts": "",
     "certificate.generation": "that it is there",
-    **{f"certificate.generation.{name}": remark for name, remark in consistency.RECORD.items()},
+    **consistency.unverified_record("certificate.generation"),
 }
 
 

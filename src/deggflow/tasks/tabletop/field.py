@@ -36,6 +36,19 @@ def _graded(gap: Float[Array, "..."]) -> list[Float[Array, "..."]]:
     return [jax.nn.soft_sign(gap / NEAR), jax.nn.soft_sign(gap / FAR)]
 
 
+def relative_pose(receiver: Any, sender: Any) -> list[Any]:
+    """Where boxes are from each other, in the frames of both, and how they are turned; of JAX's or PyTorch's arrays."""
+    dx, dy = (sender.x - receiver.x) / REACH, (sender.y - receiver.y) / REACH
+    return [
+        receiver.cos * dx + receiver.sin * dy,
+        receiver.cos * dy - receiver.sin * dx,
+        sender.cos * dx + sender.sin * dy,
+        sender.cos * dy - sender.sin * dx,
+        receiver.cos * sender.cos + receiver.sin * sender.sin,
+        receiver.cos * sender.sin - receiver.sin * sender.cos,
+    ]
+
+
 def pair_features(
     receiver: RoundedBox,
     sender: RoundedBox,
@@ -43,15 +56,9 @@ def pair_features(
     sender_access: RoundedBox,
 ) -> Float[Array, "receivers senders 12"]:
     """Relative poses and gaps of pairs."""
-    dx, dy = (sender.x - receiver.x) / REACH, (sender.y - receiver.y) / REACH
     return stack_features(
         [
-            receiver.cos * dx + receiver.sin * dy,
-            receiver.cos * dy - receiver.sin * dx,
-            sender.cos * dx + sender.sin * dy,
-            sender.cos * dy - sender.sin * dx,
-            receiver.cos * sender.cos + receiver.sin * sender.sin,
-            receiver.cos * sender.sin - receiver.sin * sender.cos,
+            *relative_pose(receiver, sender),
             *_graded(separating_gap(receiver, sender)),
             *_graded(separating_gap(receiver_access, sender)),
             *_graded(separating_gap(sender_access, receiver)),

@@ -11,16 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from deggflow.baselines import predict_then_correct
 from deggflow.blocks import padded_batch
 from deggflow.deviation import squared_distances, wasserstein
 from deggflow.flow import Field
-from deggflow.generation import DEFAULT_STEPS, generate_batch
-from deggflow.guidance import AbstractGuidance, NoGuidance
+from deggflow.guidance import NoGuidance
 from deggflow.redraw import Candidate, redraw_until_satisfied
-from deggflow.shapes import Scalar
 from deggflow.statistics import Rate, Row
-from deggflow.step_guard import StepGuard
 
 from .baselines import BaselineRun, Hyperparameters, Method
 from .changes import random_conditions
@@ -95,17 +91,11 @@ class Samples(NamedTuple):
 @eqx.filter_jit
 def _program(
     field: Field,
-    guidance: AbstractGuidance,
+    way: BaselineRun,
     noise: Float[Array, "scenes agents 3"],
     condition: TabletopCondition,
-    guard: StepGuard | None,
-    pull: Scalar | None,
 ) -> Float[Array, "scenes agents 3"]:
-    if pull is not None:
-        return predict_then_correct(
-            field, guidance, noise, condition, steps=DEFAULT_STEPS, pull=pull, guard=guard
-        ).z
-    return generate_batch(field, guidance, noise, condition, guard=guard).z
+    return way.generate(field, noise, condition).z
 
 
 def draw_cases(field: Field, size: int, requirements: str, cases: int, seed: int) -> Cases:
@@ -200,7 +190,7 @@ def _generate(
         index = start + np.resize(np.arange(count), padded)
         inputs = jnp.asarray(noise[index]), take(arrays, index)
         start_time = time.perf_counter()
-        states = np.asarray(_program(field, way.guidance, *inputs, way.guard, way.pull))
+        states = np.asarray(_program(field, way, *inputs))
         seconds += (time.perf_counter() - start_time) * count / padded
         parts.append(states[:count])
     z = np.concatenate(parts)

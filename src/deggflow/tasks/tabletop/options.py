@@ -44,19 +44,12 @@ class SceneRecipe(options.Recipe):
 
 
 @dataclass(frozen=True)
-class TabletopTrain(options.TrainOptions):
+class TabletopTrain(options.MessagePassingOptions):
     """How the field is trained.
 
     Attributes:
         batch: Scenes in a training step.
-        width: Width of the message-passing layers.
-        rounds: Rounds of messages.
-        head_width: Width of the last layers.
     """
-
-    width: int = 128
-    rounds: int = 2
-    head_width: int = 256
 
 
 @dataclass(frozen=True)

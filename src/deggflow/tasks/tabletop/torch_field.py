@@ -11,7 +11,7 @@ from deggflow.files import StrPath
 
 from .codec import ANGLE_SCALE
 from .condition import Parts, TabletopCondition
-from .field import FAR, NEAR, REACH, load_field
+from .field import FAR, NEAR, load_field, relative_pose
 from .library import MAX_OBJECTS
 
 
@@ -115,15 +115,9 @@ def _node_features(bodies: Boxes, regions: Boxes, half: torch.Tensor) -> torch.T
 def _pair_features(bodies: Boxes, regions: Boxes) -> torch.Tensor:
     """Relative poses and gaps, of shape (samples, receivers, senders, 12)."""
     receiver, sender = bodies.expand(2), bodies.expand(1)
-    dx, dy = (sender.x - receiver.x) / REACH, (sender.y - receiver.y) / REACH
     blocked = _separating_gap(regions.expand(2), sender)
     features = [
-        receiver.cos * dx + receiver.sin * dy,
-        receiver.cos * dy - receiver.sin * dx,
-        sender.cos * dx + sender.sin * dy,
-        sender.cos * dy - sender.sin * dx,
-        receiver.cos * sender.cos + receiver.sin * sender.sin,
-        receiver.cos * sender.sin - receiver.sin * sender.cos,
+        *relative_pose(receiver, sender),
         *_graded(_separating_gap(receiver, sender)),
         *_graded(blocked),
         *_graded(blocked.transpose(1, 2)),

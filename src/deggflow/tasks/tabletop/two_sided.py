@@ -11,18 +11,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from deggflow.baselines import FadingField, predict_then_correct
+from deggflow.baselines import FadingField
 from deggflow.blocks import padded_batch
 from deggflow.deviation import drift_along, step_bound
 from deggflow.drift import EVERY_STEP
 from deggflow.flow import Field
-from deggflow.generation import DEFAULT_STEPS, generate_batch, refined_grid
-from deggflow.guidance import AbstractGuidance, NoGuidance
-from deggflow.shapes import Scalar
+from deggflow.generation import DEFAULT_STEPS, refined_grid
+from deggflow.guidance import NoGuidance
 from deggflow.statistics import Rate, Row
-from deggflow.step_guard import StepGuard
 
-from .baselines import Method
+from .baselines import BaselineRun, Method
 from .codec import decode_exactly
 from .condition import TabletopCondition, padded_size, take, to_arrays
 from .frontier import CHUNK, Cases, draw_cases, draw_samples
@@ -84,6 +82,7 @@ class _Nominal(NamedTuple):
 
 
 Noise = Float[Array, "scenes agents 3"]
+_Paths = Float[Array, "scenes points agents 3"]
 _Index = Int[np.ndarray, " scenes"]
 
 
@@ -174,7 +173,7 @@ def _nominal(field: Field, cases: Cases) -> _Nominal:
     """Nominal paths, on the grid of methods that guide throughout."""
 
     def chunk(noise: Noise, condition: TabletopCondition, _: _Index) -> _Nominal:
-        path = _path(field, NoGuidance(), noise, condition, None, None)
+        path = _path(field, BaselineRun(NoGuidance()), noise, condition)
         drift = _drifts(field, refined_grid(), path, condition)
         return _Nominal(np.asarray(path), np.asarray(drift))
 
@@ -192,7 +191,7 @@ def _guided(field: Field, method: Method, cases: Cases, nominal: _Nominal) -> _G
         return _Guided(draw_samples(field, way, cases).z, None)
 
     def chunk(noise: Noise, condition: TabletopCondition, index: _Index) -> _Guided:
-        path = _path(field, way.guidance, noise, condition, way.guard, way.pull)
+        path = _path(field, way, noise, condition)
         guided, reference = np.asarray(path), np.asarray(nominal.path[index])
         if way.pull is None:
             grid = refined_grid()
@@ -226,32 +225,14 @@ def _in_chunks(
 
 
 @eqx.filter_jit
-def _path(
-    field: Field,
-    guidance: AbstractGuidance,
-    noise: Float[Array, "scenes agents 3"],
-    condition: TabletopCondition,
-    guard: StepGuard | None,
-    pull: Scalar | None,
-) -> Float[Array, "scenes points agents 3"]:
-    if pull is None:
-        generation = generate_batch(
-            field, guidance, noise, condition, guard=guard, keep_trace=False, keep_path=True
-        )
-    else:
-        generation = predict_then_correct(
-            field, guidance, noise, condition,
-            steps=DEFAULT_STEPS, pull=pull, guard=guard, keep_path=True,
-        )  # fmt: skip
-    assert generation.path is not None
-    return generation.path
+def _path(field: Field, way: BaselineRun, noise: Noise, condition: TabletopCondition) -> _Paths:
+    path = way.generate(field, noise, condition, keep_path=True).path
+    assert path is not None
+    return path
 
 
 @eqx.filter_jit
 def _drifts(
-    field: Field,
-    grid: Float[Array, " points"],
-    path: Float[Array, "scenes points agents 3"],
-    condition: TabletopCondition,
+    field: Field, grid: Float[Array, " points"], path: _Paths, condition: TabletopCondition
 ) -> Float[Array, "scenes steps agents 3"]:
     return jax.vmap(lambda z, chi: drift_along(field, EVERY_STEP, grid, z, chi))(path, condition)

@@ -102,7 +102,9 @@ def fleet_mjcf(
         colour = accent(robot)
         height = (1 + robot / 4) * _THIN * radius  # each its own, for the depth buffer
         pale = blend(colour, _FLOOR, 0.45)
-        _add_path(model.world, path, metres * goal, radius, height, pale)
+        disc = drum(_GOAL * radius, 0.0, height, pale, *(metres * goal))
+        mjcf.add_solid(model.world, disc)
+        _add_line(model.world, path, _LINE * radius, height, pale)
         start = Start(float(path[0, 0]), float(path[0, 1]), first_heading(path))
         ADD[drive](model.world, servos, robot_name(robot), radius, start, colour)
     return mjcf.model_text(model)
@@ -166,19 +168,17 @@ def _add_obstacles(
             SubElement(world, "geom", {**look, **HULL})
 
 
-def _add_path(
+def _add_line(
     world: Element,
     path: Float[np.ndarray, "waypoints 2"],
-    goal: Float[np.ndarray, " 2"],
-    radius: float,
+    reach: float,
     height: float,
     colour: Colour,
 ) -> None:
-    """A path as a line on the floor, and its goal as a flat disc."""
-    mjcf.add_solid(world, drum(_GOAL * radius, 0.0, height, colour, *goal))
+    """A path as a line on the floor, which reaches so far to either side."""
     for a, b in pairwise(path):
         x, y = b - a
         if math.hypot(x, y) > _SHORT:
-            half = math.hypot(x, y) / 2 + _LINE * radius, _LINE * radius, height / 2
+            half = math.hypot(x, y) / 2 + reach, reach, height / 2
             at = (*(a + b) / 2, height / 2)
             mjcf.add_solid(world, box(half, at, colour, (math.atan2(y, x), 0.0, 0.0)))
