@@ -2,6 +2,8 @@
 
 import threading
 
+import jax
+import numpy as np
 import pytest
 
 from deggflow import blocks
@@ -45,3 +47,11 @@ def test_an_error_in_a_part_is_not_lost(monkeypatch):
 
     with pytest.raises(ValueError, match="part 2"):
         blocks.map_blocks(call, [0, 1, 2], compiled=True)
+
+
+@pytest.mark.parametrize(("backend", "sizes"), [("cpu", [64] * 15 + [40]), ("gpu", [512, 488])])
+def test_blocks_are_larger_on_an_accelerator(monkeypatch, backend, sizes):
+    monkeypatch.setattr(jax, "default_backend", lambda: backend)
+    parts = blocks.blocks(1000)
+    assert [len(part) for part in parts] == sizes
+    assert np.concatenate(parts).tolist() == list(range(1000))

@@ -1,4 +1,4 @@
-"""Large batches in blocks that fit a core's cache, with one core per block."""
+"""Large batches in blocks: on a CPU such that fit a core's cache, with one core per block; larger ones on an accelerator."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -14,6 +14,8 @@ B = TypeVar("B")
 
 # Samples. The messages of eight times as many no longer fit the cache, and each sample takes twice as long.
 BLOCK = 64
+# On an accelerator a block takes nearly the same time whatever its size up to about this one (benchmarks/accelerator.py).
+ACCELERATOR_BLOCK = 512
 
 # Sizes of compiled batches; the last partial batch is padded to one of them.
 BATCHES = (1, 16, 64, 128, 512)
@@ -31,9 +33,15 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
+def block_size() -> int:
+    """Samples of a block on the device that JAX uses."""
+    return BLOCK if jax.default_backend() == "cpu" else ACCELERATOR_BLOCK
+
+
 def blocks(count: int) -> list[Int[np.ndarray, " samples"]]:
     """Indices of samples by block; all blocks but the last are full."""
-    return [np.arange(k, min(k + BLOCK, count)) for k in range(0, count, BLOCK)]
+    size = block_size()
+    return [np.arange(k, min(k + size, count)) for k in range(0, count, size)]
 
 
 def map_blocks(call: Callable[[A], B], parts: Sequence[A], *, compiled: bool = False) -> list[B]:

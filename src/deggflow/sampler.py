@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from .blocks import BLOCK, map_padded, padded_batch
+from .blocks import block_size, map_padded, padded_batch
 from .drift import EVERY_STEP, AbstractDrift
 from .flow import Field
 from .generation import Generation, generate, generate_batch
@@ -102,7 +102,7 @@ class Sampler:
         )  # to pick from JAX's arrays takes programs
 
         def block(rows: Int[np.ndarray, " samples"]) -> Generation:
-            turn = int(rows[0]) // BLOCK % len(self._devices)
+            turn = int(rows[0]) // block_size() % len(self._devices)
             program = self._alone if len(rows) == 1 else self._together[turn]
             inputs = z0[rows], jax.tree.map(lambda leaf: leaf[rows], conditions)
             if len(self._devices) > 1:
