@@ -14,7 +14,7 @@ B = TypeVar("B")
 
 # Samples. The messages of eight times as many no longer fit the cache, and each sample takes twice as long.
 BLOCK = 64
-# On an accelerator a block takes nearly the same time whatever its size up to about this one (benchmarks/accelerator.py).
+# The largest of the sizes below: on a GPU it takes little longer than a block of 64 (benchmarks/accelerator.py).
 ACCELERATOR_BLOCK = 512
 
 # Sizes of compiled batches; the last partial batch is padded to one of them.
