@@ -129,7 +129,14 @@ class Everybody:
 
 def in_threads(program, owners, z0, arrays, args):
     """What each of K threads generates, and its rounds."""
-    from deggflow.runtime import Exchange, Timing, UdpTransport, free_addresses, run_part
+    from deggflow.runtime import (
+        Exchange,
+        PartStart,
+        Timing,
+        UdpTransport,
+        free_addresses,
+        run_part,
+    )
 
     addresses = free_addresses(args.processes)
 
@@ -138,7 +145,9 @@ def in_threads(program, owners, z0, arrays, args):
         timing = Timing(deadline=args.deadline, tick=5.0)
         exchange = Exchange(number, args.processes, transport, timing, rounds.append)
         try:
-            made = run_part(program, number, owners, z0, arrays, exchange, patience=600.0)
+            made = run_part(
+                program, PartStart(number, owners, z0, arrays), exchange, patience=600.0
+            )
         finally:
             transport.close()
         return made, rounds
@@ -149,7 +158,7 @@ def in_threads(program, owners, z0, arrays, args):
 
 def borders(generator, condition, args):
     """The large scene, told borders and told all states."""
-    from deggflow.runtime import PartProgram, compile_part, owners_of
+    from deggflow.runtime import PartProgram, PartStart, compile_part, owners_of
     from deggflow.tasks.tabletop.large.condition import to_arrays
     from deggflow.tasks.tabletop.large.field import large_scene_field
     from deggflow.tasks.tabletop.large.generator import (
@@ -173,7 +182,7 @@ def borders(generator, condition, args):
         program = PartProgram(
             field, guidance, near, grid=large.grid, drift=large.drift, guard=large.guard
         )
-        compile_part(program, 0, owners, z0, arrays)
+        compile_part(program, PartStart(0, owners, z0, arrays))
         made = in_threads(program, owners, z0, arrays, args)
         received = [[one.bytes for one in rounds[1:]] for _, rounds in made]
         print(

@@ -42,6 +42,16 @@ def unverified_record(field: str) -> Unverified:
     return {f"{field}.{name}": remark for name, remark in RECORD.items()}
 
 
+RESULT: Unverified = {
+    "seed": "",
+    "certificate.draws": "",
+    "certificate.verdicts": "",
+    "certificate.generation": "that it is there",
+    **unverified_record("certificate.generation"),
+}
+"""Fields of a result with one certificate on which nothing else in its line depends."""
+
+
 def unverified_line(fields: Unverified) -> str:
     """The fields in one line of text, with those of a record in braces."""
     of_records: dict[str, list[str]] = {}

@@ -19,7 +19,15 @@ from deggflow import (
     generate,
 )
 from deggflow.guidance import Local, Pairs, Pooled
-from deggflow.runtime import Exchange, PartProgram, TeamError, Timing, owners_of, run_part
+from deggflow.runtime import (
+    Exchange,
+    PartProgram,
+    PartStart,
+    TeamError,
+    Timing,
+    owners_of,
+    run_part,
+)
 from deggflow.runtime.part import within_links
 from deggflow.step_guard import StepGuard
 
@@ -135,7 +143,9 @@ def test_parts_generate_what_the_batched_program_does_from_borders_alone():
                 Timing(deadline=60.0),
                 events[number].append,
             )
-            return run_part(team, number, OWNERS, z0, jnp.asarray(mask), exchange, patience=60.0)
+            return run_part(
+                team, PartStart(number, OWNERS, z0, jnp.asarray(mask)), exchange, patience=60.0
+            )
 
         results = together(part, PROCESSES)
         whole = generate(
@@ -199,7 +209,9 @@ def test_processes_that_were_given_something_else_do_not_begin():
     def work(number):
         exchange = Exchange(number, 2, transport.of(number), Timing(deadline=60.0))
         owners, mask = owners_of(AGENTS, 2), jnp.ones(AGENTS, bool)
-        return run_part(team, number, owners, points(number), mask, exchange, patience=60.0)
+        return run_part(
+            team, PartStart(number, owners, points(number), mask), exchange, patience=60.0
+        )
 
     for number, error in enumerate(together(work, 2)):
         assert f"process {1 - number} was given another scene" in str(error)

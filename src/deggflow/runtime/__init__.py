@@ -12,7 +12,7 @@ from .links import TransportName, loopback_addresses, open_transport, sorted_by
 from .member import Member
 from .messages import AgentMessage, Layout
 from .part import Neighbourhood, PartProgram
-from .part_process import compile_part, owners_of, run_part
+from .part_process import PartStart, compile_part, owners_of, run_part
 from .process import RoundStatistics, Timing, compile_agent, run_agent
 from .program import Start, TeamProgram
 from .simulation import Fault, Network, Outcome, Simulation
@@ -32,6 +32,7 @@ __all__ = [
     "Network",
     "Outcome",
     "PartProgram",
+    "PartStart",
     "RoundStatistics",
     "Simulation",
     "Start",

@@ -1,7 +1,7 @@
 """The process of several agents of a large team: rounds in which it is told the states of its neighbours alone."""
 
 from hashlib import blake2b
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -23,45 +23,42 @@ def owners_of(agents: int, processes: int) -> Int[np.ndarray, " agents"]:
     return np.arange(agents) * processes // max(agents, 1)
 
 
+class PartStart(NamedTuple):
+    """What a process is told before it generates its part of a sample.
+
+    Attributes:
+        number: Of this process.
+        owners: Number of the process that each agent belongs to; -1 for those that are absent.
+        z0: Initial sample, known to all.
+        condition: What field and requirements are conditioned on.
+    """
+
+    number: int
+    owners: Int[np.ndarray, " agents"]
+    z0: Float[Array | np.ndarray, "agents dim"]
+    condition: Any
+
+
 def run_part(
-    program: PartProgram,
-    number: int,
-    owners: Int[np.ndarray, " agents"],
-    z0: Float[Array | np.ndarray, "agents dim"],
-    condition: Any,
-    exchange: Exchange,
-    *,
-    patience: float,
+    program: PartProgram, start: PartStart, exchange: Exchange, *, patience: float
 ) -> TeamGeneration:
     """Generates a sample with the other processes; each has the whole sample in the end.
 
     Args:
         program: The same in all processes.
-        number: Of this process.
-        owners: Number of the process that each agent belongs to; -1 for those that are absent.
-        z0: Initial sample, known to all.
-        condition: What field and requirements are conditioned on.
+        start: The same in all processes, but for `number`.
         exchange: With the other processes.
         patience: Seconds to wait for processes that have not begun.
 
     Raises:
         TeamError: A process was lost, or was given something else.
     """
-    part = _Part(program, number, owners, z0, condition, exchange)
-    return part.generate(patience)
+    return _Part(program, start, exchange).generate(patience)
 
 
-def compile_part(
-    program: PartProgram,
-    number: int,
-    owners: Int[np.ndarray, " agents"],
-    z0: Float[Array | np.ndarray, "agents dim"],
-    condition: Any,
-) -> None:
-    """Compiles all that a process runs before others wait for it.
-
-    Args: as of `run_part`.
-    """
+def compile_part(program: PartProgram, start: PartStart) -> None:
+    """Compiles all that a process runs before others wait for it."""
+    number, owners, z0, condition = start
     own, present = jnp.asarray(owners == number), jnp.asarray(owners >= 0)
     z = program.predict(jnp.asarray(z0), condition, present)
     at = program.begin(z, condition, present)
@@ -74,15 +71,8 @@ def compile_part(
 class _Part:
     """One generation in one process."""
 
-    def __init__(
-        self,
-        program: PartProgram,
-        number: int,
-        owners: Int[np.ndarray, " agents"],
-        z0: Float[Array | np.ndarray, "agents dim"],
-        condition: Any,
-        exchange: Exchange,
-    ) -> None:
+    def __init__(self, program: PartProgram, start: PartStart, exchange: Exchange) -> None:
+        number, owners, z0, condition = start
         self._program, self._number, self._owners = program, number, owners
         self._own, self._present = owners == number, owners >= 0
         self._mine, self._there = jnp.asarray(self._own), jnp.asarray(self._present)

@@ -56,21 +56,12 @@ class BridgeProcess:
             )
         rows = example["policies"]
         most = max(float(_excess(row).max()) for row in rows)
-        return Section(
-            title,
-            paper,
-            (_trial_text(result), _course_text(rows)),
-            (_table(rows),),
-            _plots(result["size"], example),
-            commands(result, "--process --curves"),
-            (
-                Finding(
-                    "Task 1, largest q_task - beta_task in three generations",
-                    "below 0",
-                    f"{most:.2g}",
-                ),
-            ),
+        finding = Finding(
+            "Task 1, largest q_task - beta_task in three generations", "below 0", f"{most:.2g}"
         )
+        texts = _trial_text(result), _course_text(rows)
+        plots, command = _plots(result["size"], example), commands(result, "--process --curves")
+        return Section(title, paper, texts, (_table(rows),), plots, command, (finding,))
 
 
 def measure_process(field: BridgeField, size: int, seed: int, say: Progress) -> dict[str, Any]:

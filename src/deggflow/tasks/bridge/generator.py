@@ -22,7 +22,7 @@ from deggflow.redraw import Candidate, redraw_until_satisfied
 from .codec import continuation
 from .condition import BridgeCondition, TrialCondition, padded_robots, take
 from .field import BridgeField
-from .policies import POWER, STEPS, Policies, PolicyGenerator, initial_noise
+from .policies import STEPS, Policies, PolicyGenerator, initial_noise
 from .rollout import Rollout
 from .trial import MAX_SPEED, PolicyRecord, Trial, TrialCertificate
 from .verdict import Verdict, execute, margins
@@ -177,9 +177,8 @@ class BridgeGenerator:
         field: BridgeField,
         guidance: AbstractGuidance | None = None,
         *,
-        steps: int = STEPS,
-        power: float = POWER,
         drift: AbstractDrift | None = None,
+        steps: int = STEPS,
         speed_limit: float | None = None,
     ) -> None:
         """One field, one guidance.
@@ -187,13 +186,12 @@ class BridgeGenerator:
         Args:
             field: Nominal field.
             guidance: `NoGuidance()` if None.
-            steps: Of `refined_grid`.
-            power: Of `refined_grid`.
             drift: How often the field is evaluated, as of `generate`; 12 times if None.
+            steps: Equal ones, of the guidance.
             speed_limit: Of contact points (m/s); guided policies that exceed it are refused. Guidance that
                 leads there has it, too.
         """
-        policies = partial(PolicyGenerator, field, guidance, power=power, drift=drift)
+        policies = partial(PolicyGenerator, field, guidance, drift=drift)
         self.policies, self.finer = policies(steps=steps), policies(steps=FINER * steps)
         self.guided = not isinstance(self.policies.guidance, NoGuidance)
         self.speed_limit = speed_limit if self.guided else None

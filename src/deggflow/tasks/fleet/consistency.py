@@ -18,11 +18,7 @@ ROW = "apart + inside + speed"  # with which the name of the guidance's requirem
 UNVERIFIED: Unverified = {
     "condition": "except with --conditions",
     "paths": "where other ones leave all that is said true",
-    "seed": "",
-    "certificate.draws": "",
-    "certificate.verdicts": "",
-    "certificate.generation": "that it is there",
-    **consistency.unverified_record("certificate.generation"),
+    **consistency.RESULT,
     "certificate.generation.requirements[].value": "",
 }
 

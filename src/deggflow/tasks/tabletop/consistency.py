@@ -25,11 +25,7 @@ UNVERIFIED: Unverified = {
     "objects[].x": "where another one leaves all that is said true",
     "objects[].y": "likewise",
     "objects[].theta": "likewise",
-    "seed": "",
-    "certificate.draws": "",
-    "certificate.verdicts": "",
-    "certificate.generation": "that it is there",
-    **consistency.unverified_record("certificate.generation"),
+    **consistency.RESULT,
 }
 
 

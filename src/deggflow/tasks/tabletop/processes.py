@@ -17,6 +17,7 @@ from deggflow.runtime import (
     DirectTransport,
     Exchange,
     PartProgram,
+    PartStart,
     TeamGeneration,
     TeamProgram,
     compile_agent,
@@ -162,10 +163,10 @@ class PartAgent(_AbstractSceneAgent):
         owners = np.full(len(z0), -1)
         owners[:count] = owners_of(count, self._processes)
         for crowd in CROWDS:
-            program, team = self._program(crowd), (self._link.number, owners, z0, arrays)
+            program, start = self._program(crowd), PartStart(self._link.number, owners, z0, arrays)
             with self._link.compiling():
-                compile_part(program, *team)
-            made = run_part(program, *team, self._exchange, patience=self._link.timing.join)
+                compile_part(program, start)
+            made = run_part(program, start, self._exchange, patience=self._link.timing.join)
             if np.isfinite(made.generation.z).all():
                 break
         z, record = (
