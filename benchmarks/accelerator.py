@@ -18,6 +18,7 @@ from deggflow.app.session import prepare_jax
 from deggflow.tasks.fleet.drawn import random_conditions as random_plans
 from deggflow.tasks.fleet.field import load_field as load_fleet
 from deggflow.tasks.fleet.generator import FleetGenerator
+from deggflow.tasks.fleet.maps import NAMED
 from deggflow.tasks.fleet.options import FleetFieldOptions
 from deggflow.tasks.tabletop.changes import random_conditions as random_scenes
 from deggflow.tasks.tabletop.condition import to_arrays
@@ -57,7 +58,7 @@ def main(settings: Settings) -> None:
             _row(f"{settings.scenes:,} {name}", settings, size, call, settings.scenes)
         call = partial(scenes.scenes, conditions, seed=SEED)
         _row(f"{settings.scenes:,} certified scenes", settings, size, call, settings.scenes)
-        for floor in ("empty", "dense"):
+        for floor in NAMED:
             floors = random_plans(ROBOTS, settings.plans, floor, "random", SEED)  # type: ignore[arg-type]
             call = partial(plans.plans, floors, seed=SEED)
             _row(f"{settings.plans} plans, {floor}", settings, size, call, settings.plans)

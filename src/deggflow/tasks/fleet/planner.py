@@ -90,13 +90,22 @@ def _stops(name: str, start: Point, goal: Point, rng: np.random.Generator) -> li
     return []
 
 
-def _even(corners: Float[np.ndarray, "corners 2"]) -> tuple[Float[np.ndarray, "fine 2"], float]:
-    """Points at equal shares of a way's length, and this length."""
-    move = np.diff(corners, axis=0)
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(move[:, 0], move[:, 1]))])
-    share = np.linspace(0.0, along[-1], _FINE)
-    points = [np.interp(share, along, corners[:, axis]) for axis in (0, 1)]
-    return np.stack(points, axis=-1), float(along[-1])
+def _even(
+    ways: Sequence[Float[np.ndarray, "_ 2"]],  # corners, as many as each has
+) -> tuple[Float[np.ndarray, "ways fine 2"], Float[np.ndarray, " ways"]]:
+    """Points at equal shares of each way's length, and these lengths."""
+    travelled = []
+    for corners in ways:
+        move, along = corners[1:] - corners[:-1], np.zeros(len(corners))
+        np.cumsum(np.hypot(move[:, 0], move[:, 1]), out=along[1:])
+        travelled.append(along)
+    lengths = np.array([along[-1] for along in travelled])
+    share = np.linspace(0.0, lengths, _FINE, axis=-1)
+    points = np.empty((len(ways), _FINE, 2))
+    for k, (corners, along) in enumerate(zip(ways, travelled, strict=True)):
+        for axis in (0, 1):
+            points[k, :, axis] = np.interp(share[k], along, corners[:, axis])
+    return points, lengths
 
 
 def _rounded(points: Float[np.ndarray, "*ways fine 2"]) -> Float[np.ndarray, "*ways fine 2"]:
@@ -114,8 +123,8 @@ def _way(roads: Roadmap, name: str, start: Point, goal: Point, rng: np.random.Ge
     variant = int(rng.integers(len(roads.length)))
     legs = [roads.way(variant, a, b) for a, b in pairwise(stops)]
     corners = np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])])
-    points, length = _even(corners)
-    points = _rounded(points)
+    (points,), (length,) = _even([corners])
+    points, length = _rounded(points), float(length)
     if name != "drop_region":
         return Way(points, length, -1.0)
     first = np.sum(np.linalg.norm(np.diff(legs[0], axis=0), axis=-1))
@@ -231,7 +240,7 @@ def routes(
             _bow(way, share)
             for way, share in zip(ways, rng.uniform(0.0, BOW, len(ways)), strict=True)
         ]
-    points = _rounded(np.array([_even(corners)[0] for corners in ways]))
+    points = _rounded(_even(ways)[0])
     paths = _timed(points, np.tile(np.linspace(0.0, 1.0, WAYPOINTS), (len(ways), 1)))
     return paths.reshape(len(own), count, WAYPOINTS, 2).swapaxes(0, 1)
 

@@ -47,7 +47,8 @@ class Roadmap(NamedTuple):
         self, start: Float[np.ndarray, "... 2"], end: Float[np.ndarray, "... 2"]
     ) -> Float[np.ndarray, "..."]:
         """Weighted length of straight moves; infinite where they are blocked."""
-        length = np.linalg.norm(end - start, axis=-1)
+        move = end - start
+        length = np.sqrt(move[..., 0] ** 2 + move[..., 1] ** 2)
         if self.one_way:
             turn = start[..., 0] * end[..., 1] - start[..., 1] * end[..., 0]
             length = length * np.where(turn < 0, BACKWARDS, 1.0)
@@ -65,40 +66,43 @@ class Roadmap(NamedTuple):
         start: Float[np.ndarray, "robots 2"],
         goal: Float[np.ndarray, "robots 2"],
         variants: Int[np.ndarray, "robots ways"],
-    ) -> list[Float[np.ndarray, "corners 2"]]:
+    ) -> list[Float[np.ndarray, "_ 2"]]:
         """Corners of several ways of each robot, those of a robot one after the other."""
         if not len(self.points):
             return [np.stack(ends) for ends in zip(start, goal, strict=True) for _ in variants[0]]
         direct = self.weight(start, goal)
         into = self.weight(start[:, None], self.points[None])
         out = self.weight(self.points[None], goal[:, None])
-        return [
-            self._corners(int(variant), start[k], goal[k], (direct[k], into[k], out[k]))
-            for k, row in enumerate(variants)
-            for variant in row
-        ]
+        ways = []
+        for k, of_robot in enumerate(variants):
+            ways += self._corners(of_robot, start[k], goal[k], (direct[k], into[k], out[k]))
+        return ways
 
     def _corners(
         self,
-        variant: int,
+        variants: Int[np.ndarray, " ways"],
         start: Float[np.ndarray, " 2"],
         goal: Float[np.ndarray, " 2"],
         weights: tuple[float, Float[np.ndarray, " points"], Float[np.ndarray, " points"]],
-    ) -> Float[np.ndarray, "corners 2"]:
+    ) -> list[Float[np.ndarray, "_ 2"]]:
         """Args: weights: of the direct move, of moves from the start, and to the goal."""
         direct, into, out = weights
         enters, leaves = np.flatnonzero(np.isfinite(into)), np.flatnonzero(np.isfinite(out))
         if not len(enters) or not len(leaves):
-            return np.stack([start, goal])
-        total = into[enters, None] + self.length[variant][np.ix_(enters, leaves)] + out[leaves]
-        row, column = np.unravel_index(np.argmin(total), total.shape)
-        if direct <= total[row, column] or not np.isfinite(total[row, column]):
-            return np.stack([start, goal])
-        first, last = enters[row], leaves[column]
-        chain = [last]
-        while chain[-1] != first:
-            chain.append(self.before[variant, first, chain[-1]])
-        return np.concatenate([start[None], self.points[chain[::-1]], goal[None]])
+            return [np.stack([start, goal]) for _ in variants]
+        total = into[enters, None] + self.length[np.ix_(variants, enters, leaves)] + out[leaves]
+        total = total.reshape(len(variants), -1)
+        ways = []
+        for variant, row, best in zip(variants, total, np.argmin(total, axis=1), strict=True):
+            if direct <= row[best] or not np.isfinite(row[best]):
+                ways.append(np.stack([start, goal]))
+                continue
+            first, last = enters[best // len(leaves)], leaves[best % len(leaves)]
+            chain = [last]
+            while chain[-1] != first:
+                chain.append(self.before[variant, first, chain[-1]])
+            ways.append(np.concatenate([start[None], self.points[chain[::-1]], goal[None]]))
+        return ways
 
 
 def _points(floor: FloorMap, rng: np.random.Generator, radius: float) -> Points:
