@@ -228,3 +228,20 @@ def test_a_step_may_use_up_the_buffer_on_the_whole_way_down():
     assert np.all(made.trace.value <= made.trace.limit)
     assert np.any(made.trace.value > made.trace.bound)  # and some does
     assert (made.work.refused_steps, made.work.forced_steps) == (0, 0)
+
+
+def test_a_gradient_that_is_not_a_number_stays_with_its_factor():
+    """sqrt at zero: its derivative is infinite, and zero times that is not a number."""
+    sharp = SharedFactor(lambda tau, z, condition: jnp.sqrt(z[0, 0]), name="sharp")
+    smooth = SharedFactor(lambda tau, z, condition: z[0, 0] + z[1, 1], name="smooth")
+    guide = DecoupledGuidance((SharedRequirements((sharp, smooth)),))
+    z = jnp.zeros((2, 2))
+
+    @jax.jit
+    def rows(z):
+        state = guide.init(z, None)
+        return guide.rows(state, jnp.zeros(()), z, jnp.ones_like(z), None).ell
+
+    bad, good = np.asarray(rows(z))
+    assert not np.all(np.isfinite(bad))
+    np.testing.assert_array_equal(good, [[1.0, 0.0], [0.0, 1.0]])

@@ -186,8 +186,7 @@ class SharedRequirements(AbstractRequirement):
         condition: Any,
         moving: Mask = None,
     ) -> Demand:
-        q, pull_back = jax.vjp(lambda tau, z: self.values(tau, z, condition), tau, z)
-        dq_dtau, gradient = jax.vmap(pull_back)(jnp.eye(len(self.factors), dtype=q.dtype))
+        q, dq_dtau, gradient = self._derivatives(tau, z, condition)
         incident = self._incident(z.shape[0], condition)
         gradient = jnp.where(incident[..., None], gradient, 0.0)
         q = q.astype(z.dtype)
@@ -209,6 +208,21 @@ class SharedRequirements(AbstractRequirement):
                 self._weights(norm_sq, acting) * required[:, None]
             ),  # eqn:SE_finite_horizon_zeta
         )
+
+    def _derivatives(
+        self, tau: Scalar, z: States, condition: Any
+    ) -> tuple[
+        Float[Array, " factors"], Float[Array, " factors"], Float[Array, "factors agents dim"]
+    ]:
+        """q, dq/dtau and the gradient of every factor; what one of them shares with others is computed once."""
+        values, slopes, gradients = [], [], []
+        for factor in self.factors:
+            q, pull_back = jax.vjp(lambda tau, z, f=factor: f.q(tau, z, condition), tau, z)
+            slope, gradient = pull_back(jnp.ones_like(q))
+            values.append(q)
+            slopes.append(slope)
+            gradients.append(gradient)
+        return jnp.stack(values), jnp.stack(slopes), jnp.stack(gradients)
 
     def on_forced_step(
         self, state: SharedState, tau: Scalar, value: RowValues, above: RowFlags

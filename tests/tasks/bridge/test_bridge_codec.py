@@ -10,12 +10,14 @@ from deggflow.tasks.bridge.codec import (
     decode,
     decode_twists,
     encode,
+    executed_twists,
     spline_coefficients,
     spline_matrix,
     team_shares,
     team_twist,
 )
 from deggflow.tasks.bridge.condition import BridgeCondition, Scales
+from deggflow.tasks.bridge.world import EXECUTED
 
 T, K, AGENTS = 20, 8, 6
 SCALES = Scales(eta=tuple(np.random.default_rng(0).uniform(0.05, 2.0, 3 * K).tolist()))
@@ -157,11 +159,11 @@ def test_the_robots_shares_add_up_to_the_identity(state):
     assert np.all(shares[~state.mask] == 0)
 
 
-@pytest.mark.parametrize("actions", [1, 4, 19])
-def test_fewer_actions_are_a_prefix(actions):
-    state, z = STATES[1], np.random.default_rng(12).normal(size=(AGENTS, 3 * K))
-    part = double(lambda z, c: decode_twists(z, c, SCALES, actions), z, state)
-    np.testing.assert_allclose(part, double(decoded, z, state)[1][:actions], atol=1e-12)
+@pytest.mark.parametrize("state", STATES)
+def test_executed_twists_are_a_prefix(state):
+    z = np.random.default_rng(12).normal(size=(AGENTS, 3 * K))
+    part = double(lambda z, c: executed_twists(z, c, SCALES), z, state)
+    np.testing.assert_allclose(part, double(decoded, z, state)[1][:EXECUTED], atol=1e-12)
 
 
 def test_continuation_is_the_previous_policy_four_actions_later():

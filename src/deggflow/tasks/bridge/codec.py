@@ -47,13 +47,24 @@ def team_shares(
 
 
 def decode_twists(
-    z: States, condition: BridgeCondition, scales: Scales, actions: int = HORIZON
-) -> Float[Array, "actions 3"]:
-    """Body twists xi_{B,t} of the first `actions` steps of the policy."""
+    z: States, condition: BridgeCondition, scales: Scales
+) -> Float[Array, "horizon 3"]:
+    """Body twists xi_{B,t} of the policy."""
     eta = (z * jnp.array(scales.eta)[None]).reshape(-1, COEFFICIENTS, 3)
     shares = team_shares(condition.contacts, condition.mask)
     team = jnp.einsum("nij,nkj->ki", shares, eta)
-    return condition.continuation[:actions] + jnp.asarray(spline_matrix()[:actions]) @ team
+    return condition.continuation + jnp.asarray(spline_matrix(), team.dtype) @ team
+
+
+def executed_twists(
+    z: States, condition: BridgeCondition, scales: Scales
+) -> Float[Array, "executed 3"]:
+    """Those of the executed actions, for guidance: by one matrix, which stays the same along a generation."""
+    shares = team_shares(condition.contacts, condition.mask)
+    splines = jnp.asarray(spline_matrix()[:EXECUTED], shares.dtype)
+    eta = jnp.array(scales.eta, shares.dtype).reshape(COEFFICIENTS, 3)
+    linear = jnp.einsum("tk,nij,kj->tinkj", splines, shares, eta).reshape(EXECUTED * 3, -1)
+    return condition.continuation[:EXECUTED] + (linear @ z.reshape(-1)).reshape(EXECUTED, 3)
 
 
 def decode(

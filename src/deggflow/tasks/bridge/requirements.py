@@ -18,11 +18,11 @@ from deggflow.guidance import (
 )
 from deggflow.shapes import Scalar, States
 
-from .codec import decode_twists
+from .codec import executed_twists
 from .condition import BridgeCondition, Scales, centres
 from .factors import safe_factor, task_factor
 from .motion import contact_velocity, integrate
-from .world import DT, EXECUTED
+from .world import DT
 
 PROGRESS = 0.05  # by which a policy must lower q_task
 LEAST_START = 0.02  # the task's bound starts at least this much above its end
@@ -36,7 +36,7 @@ class TaskValue(eqx.Module):
 
     def __call__(self, tau: Scalar, z: States, condition: BridgeCondition) -> Scalar:
         """q_task(z | chi); tau does not enter."""
-        twists = decode_twists(z, condition, self.scales, EXECUTED)
+        twists = executed_twists(z, condition, self.scales)
         return task_factor(integrate(condition.plank, twists, DT)[-1])
 
 
@@ -47,7 +47,7 @@ class SafeValue(eqx.Module):
 
     def __call__(self, tau: Scalar, z: States, condition: BridgeCondition) -> Scalar:
         """q_safe(z | chi); tau does not enter."""
-        twists = decode_twists(z, condition, self.scales, EXECUTED)
+        twists = executed_twists(z, condition, self.scales)
         poses = integrate(condition.plank, twists, DT)
         return safe_factor(poses, centres(condition.contacts), condition.mask)
 
@@ -85,7 +85,7 @@ class SpeedMargins(eqx.Module):
 
     def __call__(self, z: States, condition: BridgeCondition) -> Float[Array, "agents actions"]:
         """h_it of every robot; infinite for absent ones."""
-        twists = decode_twists(z, condition, self.scales, EXECUTED)
+        twists = executed_twists(z, condition, self.scales)
         velocity = contact_velocity(twists[None], condition.contacts[:, None])
         margin = (self.limit**2 - jnp.sum(velocity**2, axis=-1)) / (2 * self.limit)
         return jnp.where(condition.mask[:, None], margin, jnp.inf)
