@@ -23,7 +23,7 @@ from deggflow import (
 )
 from deggflow.drift import EVERY_STEP, Held
 from deggflow.solver import EULER, HEUN, RK4
-from deggflow.step_guard import StepGuard
+from deggflow.step_guard import GATHERED, StepGuard
 
 AGENTS, BUFFER = 4, 0.05
 MATRIX = jnp.array([[-1.0, 2.0], [-2.0, -0.5]])
@@ -150,6 +150,34 @@ def test_samples_in_turn_are_those_of_a_whole_batch(drift, key):
     np.testing.assert_array_equal(in_turn.work.evaluations, evaluations)
     np.testing.assert_allclose(in_turn.z, whole.z, atol=1e-9)
     np.testing.assert_allclose(in_turn.trace.value, whole.trace.value, atol=1e-9)
+
+
+@pytest.mark.parametrize("backend", ["cpu", "gpu"])
+def test_the_last_of_a_large_batch_are_those_of_small_ones(backend, key, monkeypatch):
+    """On a CPU they are finished one by one, on an accelerator together."""
+    monkeypatch.setattr(jax, "default_backend", lambda: backend)
+    first, second = jax.random.split(key)
+    z0 = 2.0 * jax.random.normal(first, (GATHERED, AGENTS, 2))
+    swirl = jax.random.normal(second, (len(z0), 2, 2))
+
+    def ends(z0, swirl):
+        how = {"grid": refined_grid(12), "guard": StepGuard(6), "keep_trace": False}
+        return generate_batch(crowd, DecoupledGuidance((apart,)), z0, swirl, **how)
+
+    with jax.enable_x64(True):
+        wide = jnp.asarray(z0, jnp.float64), jnp.asarray(swirl, jnp.float64)
+        whole = jax.jit(ends)(*wide)
+        parts = [jax.jit(ends)(*(leaf[k : k + 32] for leaf in wide)) for k in (0, 32)]
+    evaluations = np.asarray(whole.work.evaluations)
+    assert evaluations.max() > np.quantile(evaluations, 0.75)
+    for name in ("z", "work"):
+        both = jax.tree.map(
+            lambda *leaves: np.concatenate(leaves), *(getattr(part, name) for part in parts)
+        )
+        jax.tree.map(
+            lambda leaf, other: np.testing.assert_allclose(leaf, other, atol=1e-9),
+            getattr(whole, name), both,
+        )  # fmt: skip
 
 
 def test_a_width_is_positive():

@@ -16,7 +16,7 @@ from .clock import Call, Patience, in_turn
 from .generation import policy_call, scene_call
 from .rows import Row, Way, rows_of
 
-EVALUATIONS, STEPS = 16, 100
+EVALUATIONS = 16
 SIZE = 8
 WIDTH = 2230  # of a network with ten million parameters
 DRIFTS = {"every step": EveryStep(), "default": None}
@@ -62,10 +62,8 @@ def _of_pytorch(patience: Patience, quick: bool) -> Iterator[Row]:
     field, guidance = _large_torch_field(), tabletop_guidance()
     generators = {
         "nominal": TabletopGenerator(field, steps=EVALUATIONS, power=1.5),
-        "guided": TabletopGenerator(field, guidance, steps=STEPS),
-        "guided, field at every step": TabletopGenerator(
-            field, guidance, steps=STEPS, drift=EveryStep()
-        ),
+        "guided": TabletopGenerator(field, guidance),
+        "guided, field at every step": TabletopGenerator(field, guidance, drift=EveryStep()),
     }
     calls = {f"few/torch/{name}": scene_call(one, SIZE, batch) for name, one in generators.items()}
     nominal = next(iter(calls))

@@ -21,7 +21,9 @@ from .trace import Point, Summary, TracedReport, add_point, empty_summary, round
 
 OnForcedStep = Callable[[Any, Float[Array, ""], Float[Array, " rows"], Bool[Array, " rows"]], Any]
 
-LAST = 16  # the last sixteenth of a batch is finished by itself
+LAST = 16  # the last sixteenth of a batch is finished by itself on an accelerator
+# On a CPU the last quarter, sample by sample: a step of a batch of four takes as long as those of ten single samples.
+LAST_ON_CPU = 4
 GATHERED = 64  # samples; for smaller batches a second loop takes longer to compile than it saves
 SHORTEST = 8  # times the precision: a step in tau that is not halved any more
 UNSMOOTH = 0.5  # a smooth value rises against its slope by a part that halves with the step; at a kink the part stays
@@ -33,9 +35,9 @@ class StepGuard:
 
     Attributes:
         halvings: Largest number of halvings; nonnegative.
-        width: How many samples of a batch take their steps at once: where one is done, the next takes its place. None: all
-            of them, of which the last sixteenth is finished by itself. A small width pays where samples are large and some
-            take several times as many evaluations as others.
+        width: How many samples of a batch take their steps at once on a CPU: where one is done, the next takes its place.
+            None, and on accelerators: all of them, of which the last are finished by themselves. A small width pays where
+            samples are large and some take several times as many evaluations as others.
 
     With 0 halvings no step is refused; those that end above a limit are counted, and requirements told, all the same.
     """
@@ -270,10 +272,10 @@ def finish(
         inputs: What each sample is conditioned on, with a leading axis of samples.
         samples: As `GuardedSteps.start` makes them, with a leading axis of samples.
     """
-    count, width = samples.goal.shape[0], steps.guard.width
-    if width is not None and count > width:
+    on_cpu, count, width = jax.default_backend() == "cpu", len(samples.goal), steps.guard.width
+    if on_cpu and width is not None and count > width:
         return _in_turn(steps, advance, inputs, samples, width)
-    few = count // LAST if count >= GATHERED else 0
+    few = count // (LAST_ON_CPU if on_cpu else LAST) if count >= GATHERED else 0
 
     def until(left: int, inputs: Any, samples: SampleProgress) -> SampleProgress:
         return jax.lax.while_loop(
@@ -287,7 +289,13 @@ def finish(
         return samples
     last = jnp.argsort(~steps.unfinished(samples))[:few]  # all that are unfinished are among them
     part = jax.tree.map(lambda leaf: leaf[last], (inputs, samples))
-    return jax.tree.map(lambda leaf, new: leaf.at[last].set(new), samples, until(0, *part))
+
+    def alone(sample: tuple[Any, SampleProgress]) -> SampleProgress:
+        inputs, at = sample
+        return jax.lax.while_loop(steps.unfinished, lambda at: advance(inputs, at), at)
+
+    rest = jax.lax.map(alone, part) if on_cpu else until(0, *part)
+    return jax.tree.map(lambda leaf, new: leaf.at[last].set(new), samples, rest)
 
 
 class _Places(NamedTuple):

@@ -241,9 +241,9 @@ def test_a_trace_is_kept_with_every_requirement(inside, tmp_path):
     tau, value, bound, limit = (
         np.array(made["trace"][part]) for part in ("tau", "value", "bound", "limit")
     )
-    assert (len(tau), tau[0], tau[-1]) == (101, 0.0, 1.0)
+    assert (len(tau), tau[0], tau[-1]) == (51, 0.0, 1.0)
     assert np.all(np.diff(tau) > 0)
-    assert value.shape == bound.shape == limit.shape == (101, 2)
+    assert value.shape == bound.shape == limit.shape == (51, 2)
     np.testing.assert_array_equal(value[-1], [each["value"] for each in made["requirements"]])
     np.testing.assert_array_equal(limit[-1], [each["limit"] for each in made["requirements"]])
     excess = (value - limit).max(axis=0)
@@ -327,8 +327,8 @@ def test_scenes_are_drawn_with_their_nominal_twins_video_and_model(inside, tmp_p
     import mujoco
 
     def write_some(path, condition, guided, *, left_poses, taus, **settings):
-        assert len(guided) == len(left_poses) == len(taus) == 101
-        some = slice(0, None, 20)
+        assert len(guided) == len(left_poses) == len(taus) == 51
+        some = slice(0, None, 10)
         left, right = left_poses[some], guided[some]
         write_video(path, condition, right, left_poses=left, taus=taus[some], **settings)
 

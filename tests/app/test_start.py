@@ -1,5 +1,6 @@
 """Ctrl-C ends the command in one line and with its exit code, wherever it strikes."""
 
+import os
 import subprocess
 import sys
 
@@ -56,3 +57,26 @@ def test_once_a_command_has_ended_nothing_interrupts_its_end():
         [sys.executable, "-c", script], capture_output=True, text=True, check=False
     )
     assert (ended.returncode, ended.stderr) == (0, "")
+
+
+LOOP = """
+from deggflow.app.session import prepare_jax
+prepare_jax()
+import jax, jax.numpy as jnp
+loop = jax.jit(lambda x: jax.lax.fori_loop(0, 9, lambda k, x: jnp.sin(x) + x[::-1].sum(), x))
+print("xla_cpu_small_call" in loop.lower(jnp.ones(1000)).compile().as_text())
+"""
+OWN = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=0"
+
+
+@pytest.mark.parametrize(
+    ("flags", "as_one"),
+    [("", "True"), ("--xla_cpu_enable_fast_math=false", "True"), (OWN, "False")],
+    ids=["none", "others", "of the same option"],
+)
+def test_commands_compile_small_loops_as_one_function_unless_told_otherwise(flags, as_one):
+    ended = subprocess.run(
+        [sys.executable, "-c", LOOP], env={**os.environ, "XLA_FLAGS": flags},
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert ended.stdout.strip() == as_one

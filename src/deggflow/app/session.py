@@ -15,6 +15,10 @@ if TYPE_CHECKING:
 
 SATISFIED, UNFORESEEN, BAD_INPUT, NOT_SATISFIED = 0, 1, 2, 3
 
+# Bytes: XLA compiles a loop that accesses fewer in an iteration as one function. In loops of larger programs, each of the
+# hundreds of kernels of an iteration costs more to start than to run (docs/performance.md).
+SMALL_LOOP = 1_000_000
+
 
 def cache_folder() -> Path:
     """Where compiled programs are kept between runs (`DEGGFLOW_CACHE`, else the user's cache folder)."""
@@ -29,9 +33,13 @@ def cache_folder() -> Path:
 
 
 def prepare_jax() -> None:
-    """Imports JAX quietly and lets it reuse programs that an earlier run compiled."""
+    """Imports JAX quietly, compiles loops of single samples as one function, and reuses what an earlier run compiled."""
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     os.environ.setdefault("JAX_PLATFORMS", "")
+    flags = os.environ.get("XLA_FLAGS", "")
+    if "xla_backend_extra_options" not in flags:  # the user's own stay
+        loops = f"--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold={SMALL_LOOP}"
+        os.environ["XLA_FLAGS"] = f"{flags} {loops}".strip()
     import jax
 
     folder = cache_folder() / "xla"

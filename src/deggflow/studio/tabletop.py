@@ -133,13 +133,13 @@ class TabletopDesk(TaskDesk):
         with self._replaying:
             for name, generator in (("nominal", nominal), ("guided", guided)):
                 asker.check()
-                path = generator.path(z0, condition)
+                path = generator.path(z0, condition, guided.taus)
                 paths[name] = judge_generated([condition] * len(path), path).poses
         # This program rounds differently from the one that made the scene; the last picture is the scene.
         apart = float(np.abs(paths["guided"][-1] - poses).max())
         paths["guided"][-1] = poses
         return {
-            "tau": guided.grid.tolist(),
+            "tau": guided.taus.tolist(),
             "apart": apart,
             **{name: [rounded(each) for each in path] for name, path in paths.items()},
         }

@@ -74,6 +74,7 @@ def test_the_replay_ends_at_the_scene_and_begins_at_the_nominal_one(ask, made):
     replay = ask("replay", condition=CONDITION, seed=3, draw=made["draw"], poses=poses)
     assert replay["tau"][0] == 0
     assert replay["tau"][-1] == 1
+    assert len(replay["tau"]) == len(replay["nominal"]) == len(replay["guided"]) == 51
     assert replay["apart"] < 0.05  # another program rounds differently
     np.testing.assert_allclose(replay["guided"][-1], poses, atol=1e-5)
     assert not np.allclose(replay["nominal"][0], replay["nominal"][-1], atol=0.1)

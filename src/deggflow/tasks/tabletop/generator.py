@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 
 from deggflow.certificate import Certificate, GenerationRecord
 from deggflow.divergence import REASON
-from deggflow.drift import AbstractDrift, AfterPrediction, ExtrapolatedEndpoint
+from deggflow.drift import AbstractDrift, AfterPrediction, ExtrapolatedEndpoint, aligned
 from deggflow.flow import Field
 from deggflow.generation import DEFAULT_STEPS, Generation, refined_grid
 from deggflow.guidance import AbstractGuidance, DecoupledGuidance, NoGuidance
@@ -50,6 +50,12 @@ def default_drift(
     return few_evaluations(TabletopFieldOptions(min(FieldOptions.evaluations, steps), phase))
 
 
+def _default_steps(drift: AbstractDrift, guard: StepGuard | None) -> int:
+    """Steps of the guidance: guarded ones after a prediction come to the same end with half of them (docs/guidance.md)."""
+    few = isinstance(drift, AfterPrediction) and guard is not None
+    return DEFAULT_STEPS // 2 if few else DEFAULT_STEPS
+
+
 class Batch(NamedTuple):
     """One draw of some scenes."""
 
@@ -78,7 +84,7 @@ class TabletopGenerator:
         field: Field,
         guidance: AbstractGuidance | None = None,
         *,
-        steps: int = DEFAULT_STEPS,
+        steps: int | None = None,
         power: float = 2.0,
         drift: AbstractDrift | None = None,
         guard: StepGuard | None = GUARD,
@@ -88,18 +94,24 @@ class TabletopGenerator:
         Args:
             field: Nominal field.
             guidance: `NoGuidance()` if None.
-            steps: Of `refined_grid`.
+            steps: Of `refined_grid`; if None, 50 where guarded guidance acts on the nominal scene, else 100.
             power: Of `refined_grid`.
             drift: How often the field is evaluated, as of `generate`; if None, 16 times, before guidance acts.
             guard: Of guided steps; None: fixed steps.
         """
         self.field, self.steps, self.power = field, steps, power
-        drift = default_drift(steps) if drift is None else drift
+        if drift is None:
+            drift = default_drift() if steps is None else default_drift(steps)
         self.drift = drift.nominal if guidance is None else drift
-        self.grid = refined_grid(steps, power)
         self.guidance = NoGuidance() if guidance is None else guidance
         self.guard = None if guidance is None else guard
-        self._sampler = Sampler(field, self.grid, self.guard, drift=self.drift)
+        steps = _default_steps(self.drift, self.guard) if steps is None else steps
+        self.grid = refined_grid(steps, power)
+        grid, sampled = self.grid, self.drift
+        if guidance is None and isinstance(drift, AfterPrediction):
+            # The prediction is the nominal scene already: the points of its path are not needed.
+            grid, sampled = refined_grid(1), drift
+        self._sampler = Sampler(field, grid, self.guard, drift=sampled)
 
     def guidance_for(self, condition: SceneCondition) -> AbstractGuidance:
         """The guidance, with the shared requirement on the centre of mass if the condition asks for it."""
@@ -154,11 +166,27 @@ class TabletopGenerator:
         how = self.grid, self.drift, self.guard, keep_trace, True
         return masked_sample(self.field, guidance, start, scene, *how)
 
-    def path(self, z0: Float[np.ndarray, "agents 3"], condition: SceneCondition) -> list[Poses]:
-        """Poses of one scene at every grid point, from a given z(0)."""
+    @property
+    def taus(self) -> Float[np.ndarray, " points"]:
+        """Tau at the points of a path."""
+        return np.asarray(aligned(self.grid, self.drift.macro_grid())[0])
+
+    def path(
+        self,
+        z0: Float[np.ndarray, "agents 3"],
+        condition: SceneCondition,
+        at: Float[np.ndarray, " points"] | None = None,
+    ) -> list[Poses]:
+        """Poses of one scene from a given z(0), at every grid point, or at those nearest to `at`.
+
+        A nominal path may have more points than there are steps of the guidance.
+        """
         path = self.generation(z0, condition).path
         assert path is not None
-        return [decode_exactly(state, condition) for state in np.asarray(path)]
+        states = np.asarray(path)
+        if at is not None:
+            states = states[np.abs(self.taus[:, None] - at[None]).argmin(axis=0)]
+        return [decode_exactly(state, condition) for state in states]
 
     def scenes(
         self,

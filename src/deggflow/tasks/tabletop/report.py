@@ -109,7 +109,7 @@ class SuccessEvaluation(_EvaluationOfSizes[Evaluation]):
                 for row in rows
             ],
             "hypotheses hold: rows feasible and V below its limit at every accepted point of the first draw; contradicted: the "
-            "hypotheses hold, but the verdict refuses the scene; evaluations: of the guidance (101 for 100 steps and the end), not of the field.",
+            "hypotheses hold, but the verdict refuses the scene; evaluations: of the guidance (one for each step, refused ones too, and the end), not of the field.",
         )  # fmt: skip
 
     def complete(self, rows: Sequence[Evaluation]) -> bool:

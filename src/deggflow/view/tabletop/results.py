@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
-from deggflow.drift import aligned
 from deggflow.files import write_atomically
 from deggflow.jsonl import InputError
 from deggflow.task import AbstractEvaluation, AbstractPictures, PictureRequest
@@ -50,9 +50,10 @@ def regenerate(generator: TabletopGenerator, scene: Scene, line: int) -> Generat
         # rounding can grow to centimetres.
         if np.abs(guided[-1] - scene.poses).mean() < SAME_PLACE:
             guided[-1] = scene.poses
-            nominal = _path(_nominal(generator), scene, line - 1, number)
-            grid, _ = aligned(generator.grid, generator.drift.macro_grid())
-            return Generations(nominal, guided, grid.tolist())
+            large = is_large(scene.condition)
+            taus = (large_scenes_like(generator) if large else generator).taus
+            nominal = _path(_nominal(generator), scene, line - 1, number, taus)
+            return Generations(nominal, guided, taus.tolist())
     raise InputError(
         "can't be generated again from its seed and line; --nominal and --video need the file as "
         "`generate --guidance degg` wrote it, and the same --weights, --evaluations and --guidance-phase",
@@ -65,12 +66,18 @@ def _nominal(generator: TabletopGenerator) -> TabletopGenerator:
     return TabletopGenerator(generator.field, drift=generator.drift)
 
 
-def _path(generator: TabletopGenerator, scene: Scene, number: int, draw: int) -> list[Poses]:
-    """Poses at every grid point of one draw of a scene by its number in the run."""
+def _path(
+    generator: TabletopGenerator,
+    scene: Scene,
+    number: int,
+    draw: int,
+    at: Float[np.ndarray, " points"] | None = None,
+) -> list[Poses]:
+    """Poses of one draw of a scene by its number in the run, at every grid point, or those nearest to `at`."""
     if is_large(scene.condition):
         return large_scenes_like(generator).path(scene.condition, scene.seed, number, draw)
     z0 = initial_noise(scene.seed, np.array([number]), draw)[0]
-    return generator.path(z0, scene.condition)
+    return generator.path(z0, scene.condition, at)
 
 
 class TabletopPictures(AbstractPictures[Scene]):

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from deggflow.drift import AbstractDrift
+from deggflow.drift import AbstractDrift, aligned
 from deggflow.field import MessagePassingField
 from deggflow.generation import DEFAULT_STEPS, Generation, refined_grid
 from deggflow.guidance import (
@@ -150,6 +150,11 @@ class LargeSceneGenerator:
         state = np.asarray(out.z)
         return Batch(state[None], [decode_exactly(state, condition)], [made])
 
+    @property
+    def taus(self) -> Float[np.ndarray, " points"]:
+        """Tau at the points of a path."""
+        return np.asarray(aligned(self.grid, self.drift.macro_grid())[0])
+
     def path(self, condition: SceneCondition, seed: int, number: int, drawn: int) -> list[Poses]:
         """Poses of one draw at every grid point."""
         z0 = initial_noise(condition, seed, number, drawn)
@@ -196,14 +201,15 @@ def _steps(of_table: int) -> int:
 
 
 def large_scenes_like(generator: TabletopGenerator) -> LargeSceneGenerator:
-    """A generator of large scenes with the field and 1.3 times the steps of a generator of scenes, guided and guarded if that one is."""
+    """A generator of large scenes like one of scenes: its field, 1.3 times the steps that it was given, guided and guarded if it is."""
     if not isinstance(generator.field, MessagePassingField):
         raise TypeError(
             "large scenes need a `MessagePassingField`: other fields have no cut-off radius."
         )
     guided = isinstance(generator.guidance, DecoupledGuidance)
     guard = None if generator.guard is None else GUARD
-    grid = refined_grid(_steps(generator.steps), generator.power)
+    steps = DEFAULT_STEPS if generator.steps is None else generator.steps
+    grid = refined_grid(_steps(steps), generator.power)
     return LargeSceneGenerator(
         generator.field, guided, grid=grid, drift=generator.drift, guard=guard
     )
