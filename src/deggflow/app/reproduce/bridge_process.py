@@ -198,13 +198,9 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> DataTable:
 
 
 def _plots(size: int, example: Mapping[str, Any]) -> tuple[Plot, Plot]:
+    complete = f"A complete process of {size} robots with SE guidance. Rings: the robots' goals. Outline: the goal of the plank."
     return (
-        Plot(
-            "bridge_process",
-            f"A complete process of {size} robots with SE guidance. Rings: the robots' goals. Outline: the goal "
-            "of the plank.",
-            _pictures(example),
-        ),
+        Plot("bridge_process", complete, _pictures(example)),
         Plot(
             "bridge_task_sampling",
             "q_task and its bound beta_task while policies of this process are generated. Both are shifted by "
