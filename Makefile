@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 # Most of the tests' time goes into compiling programs that run for milliseconds, and with fewer optimizations that
 # takes a third as long. Tests of rounding are compiled as users do; `make test XLA_FLAGS=` does so with all. The same
-# holds of the tutorials that `make docs` runs.
+# holds of the few cases of `make quick` and the tutorials that `make docs` runs.
 XLA_FLAGS ?= $(shell $(BIN)/python tests/xla_flags.py)
 
 .PHONY: help demo quick test test-matrix lint docs bench ray release-check clean
@@ -41,7 +41,7 @@ demo: $(VENV)/.base
 	@$(BIN)/deggflow demo
 
 quick: $(VENV)/.base
-	@$(BIN)/deggflow reproduce --quick --out reproduction-quick
+	@XLA_FLAGS="$(XLA_FLAGS)" $(BIN)/deggflow reproduce --quick --out reproduction-quick
 
 test: $(VENV)/.dev
 	@XLA_FLAGS="$(XLA_FLAGS)" $(BIN)/python -m pytest -n 2 --dist worksteal -m "not rounding"

@@ -1,5 +1,6 @@
 import gc
 import os
+import signal
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -21,6 +22,9 @@ def check_shapes(package):
 
 
 check_shapes("deggflow")
+# A shell that runs tests in the background has them ignore Ctrl-C, and so would every process that they interrupt.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 # Tracing makes many objects that live on: looking for garbage after every 700 of them takes up to a tenth of the time.
 gc.set_threshold(100_000, 20, 50)

@@ -76,4 +76,6 @@ def map_padded(
         return jax.tree.map(lambda leaf: np.asarray(leaf)[: len(block)], results)
 
     parts = map_blocks(padded, blocks(count), compiled=compiled)
+    if len(parts) == 1:
+        return parts[0]
     return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)

@@ -134,7 +134,7 @@ def generate(
         return end, drift_state
 
     drift_state = drift.init(z0)
-    sample = steps.start(guided.velocity(drift_state), state, z0, condition)
+    sample = steps.start(len(guidance.names), state, z0, condition)
     end = _over_macro_steps(macro_step, (sample, drift_state), steps, starts)
     advise_compiling("generate", end.z)
     return completed(_generation(grid, end), guidance, drift, solver)
@@ -185,7 +185,7 @@ def generate_batch(
         guided = guided_by(*inputs)
         z0 = guided.start(z0)
         state, drift_state = guidance.init(z0, *inputs[:2]), drift.init(z0)
-        return steps.start(guided.velocity(drift_state), state, z0, inputs[0]), drift_state
+        return steps.start(len(guidance.names), state, z0, inputs[0]), drift_state
 
     def macro_step(carry: _Carry, interval: Interval, on: GuardedSteps) -> _Carry:
         def begin(inputs: _Inputs, drift_state: Any, z: States) -> Any:
@@ -311,8 +311,8 @@ def _fixed_steps(
 ) -> Generation:
     yes, no = jnp.asarray(True), jnp.asarray(False)
     grid, drift, drift_state = guided.grid, guided.drift, guided.drift.init(z0)
-    *_, shapes = jax.eval_shape(guided.velocity(drift_state), state, starts[0], grid[0], z0)
-    nowhere = jnp.zeros(shapes.value.shape, bool)
+    rows = len(guided.guidance.names)
+    nowhere = jnp.zeros(rows, bool)
 
     def step(carry: _FixedCarry, at: _FixedStep) -> tuple[_FixedCarry, Any]:
         state, drift_state, z, summary = carry
@@ -342,6 +342,6 @@ def _fixed_steps(
         jnp.zeros(len(grid), bool).at[starts].set(True),
         jnp.zeros_like(grid).at[starts].set(macro_ends),
     )  # fmt: skip
-    start = state, drift_state, z0, empty_summary(grid, z0, guided.condition, len(shapes.value))
+    start = state, drift_state, z0, empty_summary(grid, z0, guided.condition, rows)
     (_, _, z, summary), (trace, path) = jax.lax.scan(step, start, spans)
     return Generation(z, summary, None if trace is None else Trace(grid, *trace), path)

@@ -1,6 +1,6 @@
 """Samples of one field by compiled programs: large batches in blocks, padded to the sizes that are compiled."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from functools import cache, partial
 from typing import Any
 
@@ -81,8 +81,7 @@ class Sampler:
         self._together = [
             partial(_compiled(program), _on(device, field)) for device in self._devices
         ]
-        # Of a few rows, laying out the weights is most of a product's work: as constants they are laid out once.
-        self._alone = eqx.filter_jit(partial(program, field))
+        self._alone = _Alone(program, field, self._how)
         self._known: set[tuple[tuple[int, ...], bool, tuple[str, ...]]] = set()
 
     def draw(
@@ -97,22 +96,66 @@ class Sampler:
 
         Args: as of the program; z(0) has the shape that it takes.
         """
-        conditions = jax.tree.map(
-            np.asarray, conditions
-        )  # to pick from JAX's arrays takes programs
+        if len(z0) == 1:
+            return self._alone(guidance, z0, conditions, keep_trace)
+        # To pick from JAX's arrays takes programs.
+        conditions = jax.tree.map(np.asarray, conditions)
 
         def block(rows: Int[np.ndarray, " samples"]) -> Generation:
             turn = int(rows[0]) // block_size() % len(self._devices)
-            program = self._alone if len(rows) == 1 else self._together[turn]
             inputs = z0[rows], jax.tree.map(lambda leaf: leaf[rows], conditions)
+            if len(rows) == 1:  # the last of some
+                return self._alone(guidance, *inputs, keep_trace)
             if len(self._devices) > 1:
-                inputs = jax.device_put(inputs, self._devices[0 if len(rows) == 1 else turn])
+                inputs = jax.device_put(inputs, self._devices[turn])
+            program = self._together[turn]
             return program(guidance, jnp.asarray(inputs[0]), inputs[1], *self._how, keep_trace)
 
         kind = z0.shape[1:], keep_trace, guidance.names
         generation = map_padded(block, len(z0), compiled=kind in self._known)
         self._known.add(kind)
         return generation
+
+
+_Settings = tuple[Grid, AbstractDrift, StepGuard | None]
+
+
+class _Alone:
+    """Programs for a single sample, which takes so little time that the arguments of a call must not take more.
+
+    Guidance and settings are taken apart into arrays and the rest when the guidance is another object than in the last call.
+    """
+
+    def __init__(self, program: Program, field: Any, how: _Settings) -> None:
+        """Args: as of `Sampler`; how: grid, drift and guard."""
+        self._program, self._field, self._how = program, field, how
+        self._compiled: dict[Hashable, Callable[..., Generation]] = {}
+        self._last: tuple[AbstractGuidance, bool, Callable[..., Generation]] | None = None
+
+    def __call__(
+        self, guidance: AbstractGuidance, z0: Any, conditions: Any, keep_trace: bool
+    ) -> Generation:
+        """Generates a sample, as numpy arrays; `z0` and `conditions` have a leading axis of one."""
+        last = self._last  # in one piece, as threads share it
+        if last is None or last[0] is not guidance or last[1] != keep_trace:
+            last = self._last = guidance, keep_trace, self._call(guidance, keep_trace)
+        return jax.tree.map(np.asarray, last[2](z0, conditions))
+
+    def _call(self, guidance: AbstractGuidance, keep_trace: bool) -> Callable[..., Generation]:
+        arrays, rest = eqx.partition((guidance, self._how), eqx.is_array)
+        (arrays, shape), (leaves, structure) = jax.tree.flatten(arrays), jax.tree.flatten(rest)
+        kind = structure, tuple(leaves), keep_trace
+        if kind not in self._compiled:
+            # Of a few rows, laying out the weights is most of a product's work: as constants they are laid out once.
+            def run(arrays: list[Array], z0: Any, conditions: Any) -> Generation:
+                guidance, how = eqx.combine(jax.tree.unflatten(shape, arrays), rest)
+                grid, drift, guard = how
+                return self._program(
+                    self._field, guidance, z0, conditions, grid, drift, guard, keep_trace
+                )
+
+            self._compiled[kind] = jax.jit(run)
+        return partial(self._compiled[kind], arrays)
 
 
 def _on(device: jax.Device, field: Any) -> Any:

@@ -17,7 +17,16 @@ from .guidance import GuidanceReport
 from .guided_field import Velocity
 from .shapes import Scalar, States
 from .solver import RungeKutta
-from .trace import Point, Summary, TracedReport, add_point, empty_summary, rounding, traced
+from .trace import (
+    Point,
+    Summary,
+    TracedReport,
+    add_point,
+    empty_summary,
+    empty_trace,
+    rounding,
+    traced,
+)
 
 OnForcedStep = Callable[[Any, Float[Array, ""], Float[Array, " rows"], Bool[Array, " rows"]], Any]
 
@@ -136,23 +145,20 @@ class GuardedSteps(NamedTuple):
     until: Float[Array, ""] | None = None
 
     def start(
-        self, velocity: Velocity, state: Any, z0: Float[Array, "agents dim"], condition: Any
+        self, rows: int, state: Any, z0: Float[Array, "agents dim"], condition: Any
     ) -> SampleProgress:
-        """Progress of a sample that proposes z(0)."""
+        """Progress of a sample that proposes z(0), under guidance with so many rows."""
         points, tau = self.grid.shape[0], self.grid[0]
-        none = jnp.zeros((), jnp.int32)
-        *_, shapes = jax.eval_shape(velocity, state, none, tau, z0)
-        row = jnp.zeros_like(shapes.value)
-        trace = jax.tree.map(lambda one: jnp.zeros((points, *one.shape), one.dtype), traced(shapes))
+        row = jnp.zeros(rows, z0.dtype)
         return SampleProgress(
             tau=tau, z=z0, slope=jnp.zeros_like(z0), value=row, value_slope=row,
-            proposed_tau=tau, proposed_z=z0, goal=none,
+            proposed_tau=tau, proposed_z=z0, goal=jnp.zeros((), jnp.int32),
             left=jnp.asarray(self.guard.halvings, jnp.int32),
             largest_size=jnp.full_like(tau, jnp.inf), refused_size=jnp.zeros_like(tau),
             unexpected=row, state=state,
-            trace=trace if self.keep_trace else None,
+            trace=empty_trace(points, rows, z0) if self.keep_trace else None,
             path=jnp.zeros((points, *z0.shape), z0.dtype) if self.keep_path else None,
-            summary=empty_summary(self.grid, z0, condition, len(row)),
+            summary=empty_summary(self.grid, z0, condition, rows),
         )  # fmt: skip
 
     def advance(

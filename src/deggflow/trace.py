@@ -58,6 +58,15 @@ def traced(report: GuidanceReport) -> TracedReport:
     return report[: len(Trace._fields) - 1]
 
 
+def empty_trace(points: int, rows: int, z0: Float[Array, "agents dim"]) -> TracedReport:
+    """What is traced, before the first point."""
+    row = jnp.zeros((points, rows), z0.dtype)
+    agent = jnp.zeros((points, len(z0)), z0.dtype)
+    pair = jnp.zeros((points, rows, len(z0)), z0.dtype)
+    no, nobody = pair.astype(bool), agent.astype(bool)
+    return row, row, row, no, nobody, agent, pair, no, agent
+
+
 class Work(NamedTuple):
     """What the generation took.
 

@@ -179,8 +179,9 @@ def test_three_links_of_a_chain_in_both_directions():
 
 
 def test_rounds_are_complete_although_messages_are_lost():
-    chance = np.random.default_rng(0)
-    transport = Queues(3, lambda: chance.random() < 0.4)
+    """Until one has completed its rounds: whose last messages are lost would be waited for until the deadline."""
+    chance, complete = np.random.default_rng(0), threading.Event()
+    transport = Queues(3, lambda: not complete.is_set() and chance.random() < 0.4)
     timing = Timing(deadline=60.0, tick=0.002)
 
     def work(number):
@@ -189,6 +190,7 @@ def test_rounds_are_complete_although_messages_are_lost():
             exchange.swap({k: f"{number} to {k}: {turn}".encode() for k in exchange.others})
             for turn in range(30)
         ]
+        complete.set()
         exchange.finish()
         return rounds
 

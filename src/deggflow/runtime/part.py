@@ -148,12 +148,7 @@ class PartProgram:
     def _begin(self, z: States, condition: Any, mask: Flags) -> SampleProgress:
         """Progress of a sample that proposes the prediction."""
         state = self.guidance.init(z, condition, mask)
-
-        def shapes(state: Any, *_: Any) -> Any:
-            zero = jnp.zeros_like(z)
-            return self.guidance(state, self.grid[0], z, zero, condition, mask)
-
-        return self._steps.start(shapes, state, z, condition)
+        return self._steps.start(len(self.guidance.names), state, z, condition)
 
     def _assess(
         self,

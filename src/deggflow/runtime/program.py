@@ -192,12 +192,8 @@ class TeamProgram:
         before = jnp.where(jnp.asarray(start.stops) > 0, jnp.inf, -1.0)
         z0 = self._guided(start)._replace(stops=before).start(start.z0)
         state = self.guidance.init(z0, start.condition, start.mask)
-
-        def shapes(state: Any, step: Any, tau: Scalar, z: States) -> Any:
-            drift = jnp.zeros_like(z)
-            return self.guidance(state, tau, z, drift, start.condition, start.mask)
-
-        sample = self._steps(start).start(shapes, state, z0, start.condition)
+        rows = len(self.guidance.names)
+        sample = self._steps(start).start(rows, state, z0, start.condition)
         return sample, self.drift.init(z0)
 
     def _begin(self, start: Start, drift: Any, interval: Interval, z: States) -> Any:

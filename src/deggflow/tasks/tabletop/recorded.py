@@ -8,7 +8,6 @@ import math
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import KDTree
 
 from .condition import SceneCondition
 from .library import object_type
@@ -43,6 +42,8 @@ def recorded_violation(condition: SceneCondition, poses: Poses) -> float:
 
 def _near(poses: Poses, rows: list[list[Grown]]) -> list[tuple[int, int]]:
     """Pairs of objects that may be closer than the buffer."""
+    from scipy.spatial import KDTree  # takes long to import, and generation needs no trees
+
     centres = np.concatenate([poses[:, :2], poses[:, :2]])
     extent = max(
         float(np.hypot(*(corners - centre).T).max()) + radius

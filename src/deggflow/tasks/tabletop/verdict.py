@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.spatial import KDTree
 
 from .condition import SceneCondition
 from .library import object_type, type_name
@@ -213,6 +212,8 @@ def _pairs(shapes: _Shapes, room: Float[np.ndarray, " shapes"], *, close: bool) 
     extent = corner.max(axis=1) + shapes.radius
     parts = [_all_pairs(scene, counts[scene] <= _FEW)]
     for large in np.flatnonzero(counts > _FEW):
+        from scipy.spatial import KDTree  # takes long to import, and most runs have no large scenes
+
         here = np.flatnonzero(scene == large)
         distance = 2 * extent[here].max() + beyond[large]
         one, two = here[KDTree(centre[here]).query_pairs(distance, output_type="ndarray").T]
