@@ -23,7 +23,7 @@ class Process:
     def __init__(self, kind, number, deadline, addresses):
         command = [sys.executable, str(SCRIPT), kind, str(number), "3", str(deadline), *addresses]
         self.popen = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        self.lines = []
+        self.lines, self.ended = [], False
         self.news = threading.Condition()
         threading.Thread(target=self.read, daemon=True).start()
 
@@ -32,10 +32,17 @@ class Process:
             with self.news:
                 self.lines.append(json.loads(line))
                 self.news.notify_all()
+        with self.news:
+            self.ended = True
+            self.news.notify_all()
+
+    def wait_for(self, condition):
+        """Until a line meets it, or the process ends."""
+        with self.news:
+            self.news.wait_for(lambda: any(condition(line) for line in self.lines) or self.ended)
 
     def wait_for_round(self, number):
-        with self.news:
-            self.news.wait_for(lambda: self.lines and self.lines[-1].get("round", 0) >= number)
+        self.wait_for(lambda line: line.get("round", 0) >= number)
 
     def end(self):
         """Its exit code and the last line."""
@@ -80,8 +87,11 @@ def test_processes_go_on_without_one_that_is_killed_and_one_that_is_frozen():
         team[0].wait_for_round(10)
         team[2].popen.send_signal(signal.SIGKILL)
         team[4].popen.send_signal(signal.SIGSTOP)
+        team[0].wait_for(lambda line: line.get("members") == 3)
+        team[4].popen.send_signal(
+            signal.SIGCONT
+        )  # if the others have ended, it misses them after the deadline
         assert_same_sample([team[k].end() for k in (0, 1, 3)], lost=[2, 4])
-        team[4].popen.send_signal(signal.SIGCONT)
         code, line = team[4].end()
     assert code == 3
     assert line["error"].startswith(("SuspectedError", "TooManyLostError"))
