@@ -1,9 +1,15 @@
 """Training of nominal fields: AdamW, cosine schedule, averaged weights, exact resumption, extension of a run."""
 
+from typing import TYPE_CHECKING
+
+from deggflow.lazy import lazy_names
+
 from .folder import read_curves, run_segments
-from .loop import TrainingState, train
 from .settings import Augment, Curve, Dataset, Remake, SampleLoss, TrainingConfig
 from .store import StoredDataset
+
+if TYPE_CHECKING:
+    from .loop import TrainingState, train
 
 __all__ = [
     "Augment",
@@ -18,3 +24,6 @@ __all__ = [
     "run_segments",
     "train",
 ]
+
+# Whoever generates does without Optax.
+__getattr__ = lazy_names(__name__, {"loop": ("TrainingState", "train")})
