@@ -36,40 +36,86 @@ def record(
         agents: What to call the agents; "agent 0", ... if None.
         trace: Also kept, if given.
     """
-    summary = jax.tree.map(np.asarray, summary)
-    labels = agent_names(agents, summary.infeasible_points.shape[-1])
-    hold, sine, work = bool(summary.hypotheses_hold), summary.least_opposed_sine, summary.work
-    return GenerationRecord(
-        hypotheses_hold=hold,
-        first_failure=None if hold else _first_failure(summary, names, labels),
-        requirements=tuple(
-            _requirement_record(summary, row, name, labels) for row, name in enumerate(names)
-        ),
-        steps=int(summary.points) - 1,
-        refused_steps=int(work.refused_steps),
-        forced_steps=int(work.forced_steps),
-        least_opposed_sine=float(sine) if sine < 1 else None,
-        largest_input_norm=finite(np.max(summary.largest_input_norm, initial=0.0)),
-        largest_step=finite(summary.largest_step),
-        trace=None if trace is None else _trace_record(trace),
-    )
+    batch, traces = jax.tree.map(lambda leaf: np.asarray(leaf)[None], (summary, trace))
+    [made] = records(batch, names, [agents], traces)
+    return made
 
 
-def _requirement_record(
-    summary: Summary, row: int, name: str, agents: Sequence[str]
-) -> RequirementRecord:
-    ell_norm, forced = summary.smallest_ell_norm[row], np.asarray(summary.forced_steps[row])
-    return RequirementRecord(
-        name,
-        value=finite(summary.value[row]),
-        limit=finite(summary.limit[row]),
-        excess=finite(summary.excess[row]),
-        active_points=int(summary.active_points[row]),
-        smallest_ell_norm=finite(ell_norm) if np.isfinite(ell_norm) else None,
-        forced_steps=int(forced.max(initial=0)),
-        forced_agents=tuple(agents[int(k)] for k in np.flatnonzero(forced)),
-        kink_points=int(summary.kink_points[row]),
+def records(
+    summary: Summary,
+    names: Sequence[str],
+    agents: Sequence[Sequence[str] | None],
+    trace: Trace | None = None,
+) -> list[GenerationRecord]:
+    """The records of a batch, as `record` makes them of its samples one by one.
+
+    Args:
+        summary: Numpy arrays with a leading axis of samples.
+        names: Of the requirements, one per row.
+        agents: For each sample, what to call the agents.
+        trace: Also kept, if given; with a leading axis of samples.
+    """
+    count, team = summary.qp_infeasible_points.shape
+    labels = [agent_names(each, team) for each in agents]
+    rows = [_requirement_records(summary, row, name, labels) for row, name in enumerate(names)]
+    work, hold = summary.work, summary.hypotheses_hold.tolist()
+    # Lists of Python's own numbers: to take them from arrays one by one takes several times as long.
+    points, refused, forced = (
+        leaf.tolist() for leaf in (summary.points, work.refused_steps, work.forced_steps)
     )
+    sine, step = summary.least_opposed_sine.tolist(), summary.largest_step.tolist()
+    largest_input_norm = summary.largest_input_norm.max(axis=-1, initial=0.0).tolist()
+
+    def of(k: int) -> GenerationRecord:
+        def alone(whole: Any) -> Any:
+            return jax.tree.map(lambda leaf: leaf[k], whole)
+
+        return GenerationRecord(
+            hypotheses_hold=hold[k],
+            first_failure=None if hold[k] else _first_failure(alone(summary), names, labels[k]),
+            requirements=tuple(row[k] for row in rows),
+            steps=points[k] - 1,
+            refused_steps=refused[k],
+            forced_steps=forced[k],
+            least_opposed_sine=sine[k] if sine[k] < 1 else None,
+            largest_input_norm=finite(largest_input_norm[k]),
+            largest_step=finite(step[k]),
+            trace=None if trace is None else _trace_record(alone(trace)),
+        )
+
+    return [of(k) for k in range(count)]
+
+
+def _requirement_records(
+    summary: Summary, row: int, name: str, agents: Sequence[Sequence[str]]
+) -> list[RequirementRecord]:
+    """Of one requirement, for each sample."""
+    forced = summary.forced_steps[:, row]
+    columns = (
+        summary.value, summary.limit, summary.excess, summary.active_points,
+        summary.smallest_ell_norm, summary.kink_points,
+    )  # fmt: skip
+    numbers = zip(
+        *(column[:, row].tolist() for column in columns),
+        forced.max(axis=-1, initial=0).tolist(),
+        strict=True,
+    )
+    return [
+        RequirementRecord(
+            name,
+            value=finite(value),
+            limit=finite(limit),
+            excess=finite(excess),
+            active_points=active,
+            smallest_ell_norm=finite(ell_norm) if math.isfinite(ell_norm) else None,
+            forced_steps=most,
+            forced_agents=tuple(agents[k][int(i)] for i in np.flatnonzero(forced[k]))
+            if most
+            else (),
+            kink_points=kinks,
+        )
+        for k, (value, limit, excess, active, ell_norm, kinks, most) in enumerate(numbers)
+    ]
 
 
 def agent_names(agents: Sequence[str] | None, count: int) -> list[str]:

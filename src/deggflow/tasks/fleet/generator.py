@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -15,7 +14,7 @@ from deggflow.drift import ExtrapolatedEndpoint
 from deggflow.flow import Field
 from deggflow.generation import refined_grid
 from deggflow.guidance import AbstractGuidance, NoGuidance
-from deggflow.recording import record
+from deggflow.recording import records
 from deggflow.redraw import Candidate, finished, redraw_until_satisfied, with_draws
 from deggflow.sampler import Program, Sampler, numbered_noise
 from deggflow.step_guard import StepGuard
@@ -161,7 +160,6 @@ class FleetGenerator:
         `among`: more conditions that the same compiled program serves, as this depends on the floors.
         """
         z = np.zeros((len(conditions), *noise.shape[2:]), np.float32)
-        records: list[GenerationRecord | None] = [None] * len(conditions)
         starts = Starts.none(*z.shape[:2]) if starts is None else starts
         among = conditions if among is None else among
         of = crowding(among)
@@ -171,12 +169,11 @@ class FleetGenerator:
         draw = Draw(to_arrays(conditions, sizes), *rows)
         generation = self._sampler(of).draw(guidance, noise, draw)
         z[:] = generation.z
+        made: list[GenerationRecord | None] = [None] * len(conditions)
         if self.guided:
-            for k, condition in enumerate(conditions):
-                summary = jax.tree.map(lambda leaf, k=k: leaf[k], generation.summary)
-                names = robot_names(len(condition.robots))
-                records[k] = record(summary, guidance.names, names)
-        return _judged(z, conditions, records)
+            robots = [robot_names(len(condition.robots)) for condition in conditions]
+            made = [*records(generation.summary, guidance.names, robots)]
+        return _judged(z, conditions, made)
 
     def plans(
         self,

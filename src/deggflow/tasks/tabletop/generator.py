@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
@@ -14,13 +13,12 @@ from deggflow.drift import AbstractDrift, AfterPrediction, ExtrapolatedEndpoint,
 from deggflow.flow import Field
 from deggflow.generation import DEFAULT_STEPS, Generation, refined_grid
 from deggflow.guidance import AbstractGuidance, DecoupledGuidance, NoGuidance
-from deggflow.recording import record
+from deggflow.recording import records
 from deggflow.redraw import Candidate, finished, redraw_until_satisfied, with_draws
 from deggflow.sampler import Sampler, masked_sample, numbered_noise
 from deggflow.step_guard import StepGuard
 from deggflow.task import FieldOptions
 from deggflow.task.options import Phase
-from deggflow.trace import Summary, Trace
 
 from .codec import decode_exactly
 from .condition import SceneCondition, TabletopCondition, padded_size, take, to_arrays
@@ -130,17 +128,18 @@ class TabletopGenerator:
         agents = padded_size(max(len(c.objects) for c in conditions))
         arrays = to_arrays(conditions, agents)
         z = np.zeros((len(conditions), agents, 3), np.float32)
-        records: list[GenerationRecord | None] = [None] * len(conditions)
+        by_scene: list[GenerationRecord | None] = [None] * len(conditions)
         for part in _alike(conditions):
             guidance = self.guidance_for(conditions[part[0]])
             draws = self.draw(noise[part, :agents], take(arrays, part), guidance, keep_trace)
             z[part] = draws.z
-            leaves, tree = jax.tree.flatten((draws.summary, draws.trace))
-            for number, *sample in zip(part, *leaves, strict=True):
-                summary, trace = jax.tree.unflatten(tree, sample)
-                records[number] = _record(guidance, summary, trace, conditions[number].objects)
+            if isinstance(guidance, DecoupledGuidance):
+                objects = [conditions[number].objects for number in part]
+                made = records(draws.summary, guidance.names, objects, draws.trace)
+                for number, each in zip(part, made, strict=True):
+                    by_scene[number] = each
         poses = [decode_exactly(state, c) for state, c in zip(z, conditions, strict=True)]
-        return Batch(z, poses, records)
+        return Batch(z, poses, by_scene)
 
     def draw(
         self,
@@ -225,14 +224,6 @@ def _alike(conditions: Sequence[SceneCondition]) -> list[Int[np.ndarray, " part"
     """Parts of a batch that one guidance takes: those with a shared requirement apart from those without."""
     balanced = np.array([condition.balance is not None for condition in conditions])
     return [group for group in (np.flatnonzero(~balanced), np.flatnonzero(balanced)) if len(group)]
-
-
-def _record(
-    guidance: AbstractGuidance, summary: Summary, trace: Trace | None, objects: Sequence[str]
-) -> GenerationRecord | None:
-    if not isinstance(guidance, DecoupledGuidance):
-        return None
-    return record(summary, guidance.names, objects, trace)
 
 
 def judged(batch: Batch, conditions: Sequence[SceneCondition], seed: int) -> list[Candidate[Scene]]:
