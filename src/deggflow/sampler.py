@@ -144,7 +144,7 @@ class _Alone:
     def _call(self, guidance: AbstractGuidance, keep_trace: bool) -> Callable[..., Generation]:
         arrays, rest = eqx.partition((guidance, self._how), eqx.is_array)
         (arrays, shape), (leaves, structure) = jax.tree.flatten(arrays), jax.tree.flatten(rest)
-        kind = structure, tuple(leaves), keep_trace
+        kind = structure, tuple(leaves), shape, keep_trace  # None may stand for an array in either
         if kind not in self._compiled:
             # Of a few rows, laying out the weights is most of a product's work: as constants they are laid out once.
             def run(arrays: list[Array], z0: Any, conditions: Any) -> Generation:

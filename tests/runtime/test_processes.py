@@ -88,9 +88,8 @@ def test_processes_go_on_without_one_that_is_killed_and_one_that_is_frozen():
         team[2].popen.send_signal(signal.SIGKILL)
         team[4].popen.send_signal(signal.SIGSTOP)
         team[0].wait_for(lambda line: line.get("members") == 3)
-        team[4].popen.send_signal(
-            signal.SIGCONT
-        )  # if the others have ended, it misses them after the deadline
+        # If the others had ended, it would miss them after the deadline.
+        team[4].popen.send_signal(signal.SIGCONT)
         assert_same_sample([team[k].end() for k in (0, 1, 3)], lost=[2, 4])
         code, line = team[4].end()
     assert code == 3
