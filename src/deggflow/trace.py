@@ -64,7 +64,11 @@ def empty_trace(points: int, rows: int, z0: Float[Array, "agents dim"]) -> Trace
     agent = jnp.zeros((points, len(z0)), z0.dtype)
     pair = jnp.zeros((points, rows, len(z0)), z0.dtype)
     no, nobody = pair.astype(bool), agent.astype(bool)
-    return row, row, row, no, nobody, agent, pair, no, agent
+    _, *fields = Trace(
+        tau=jnp.zeros(points, z0.dtype), value=row, bound=row, limit=row, row_feasible=no,
+        qp_infeasible=nobody, input_norm=agent, ell_norm=pair, active=no, opposed_sine=agent,
+    )  # fmt: skip
+    return tuple(fields)
 
 
 class Work(NamedTuple):

@@ -7,7 +7,7 @@ import signal
 INTERRUPTED = 130
 MESSAGE = "deggflow: interrupted; with --out, rerun the command to resume"
 # Objects made until garbage is looked for, by default 700: tracing and records make many that live on, and looking through
-# them again and again takes a tenth of a command's time.
+# them again and again takes a good part of a command's time.
 COLLECT_AFTER = 100_000
 SHOW_CURSOR = "\x1b[?25h"  # progress bars hide it
 
