@@ -1,11 +1,14 @@
 """The fleet's plans beside prioritised planning and a joint projection, with the same field, conditions and z(0).
 
 Usage: python benchmarks/fleet_baselines.py [--sizes 3 6 9] [--maps empty conveyor highways drop_region dense] [--cases 4]
+
+With `--together 512`: many plans of ours at once beside prioritised planning, which plans one team after the other.
 """
 
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +40,8 @@ class Settings:
         4  # of each map and size; MMD's own starts and goals where a map has them, else random ones
     )
     samples: int = 8  # paths that a robot draws at once in prioritised planning
+    together: int = 0  # if positive: so many plans of ours at once, for the largest of `sizes`, and nothing else
+    rounds: int = 3  # of these; the median counts
     seed: int = 1
     weights: Path | None = None
 
@@ -81,17 +86,23 @@ def ways(settings: Settings) -> dict[str, Way]:
     }
 
 
-def rows(settings: Settings, name: str, size: int, compared: dict[str, Way]) -> list[Sequence[str]]:
+def problems(settings: Settings, name: str, size: int, count: int) -> tuple[list[Any], np.ndarray]:
+    """Conditions, with MMD's own starts and goals where a map has them, and z(0) of several paths of each robot."""
     from deggflow.tasks.fleet.condition import padding
     from deggflow.tasks.fleet.drawn import random_conditions
     from deggflow.tasks.fleet.generator import initial_noise
     from deggflow.tasks.fleet.schemes import OWN
-    from deggflow.tasks.fleet.verdict import judge
 
     scheme: Any = "own" if name in OWN else "random"
-    conditions = random_conditions(size, settings.cases, name, scheme, settings.seed)  # type: ignore[arg-type]
-    agents, numbers = padding(conditions).agents, np.arange(settings.cases)
-    noise = initial_noise(settings.seed, numbers, 0, agents, settings.samples)
+    conditions = random_conditions(size, count, name, scheme, settings.seed)  # type: ignore[arg-type]
+    agents = padding(conditions).agents
+    return conditions, initial_noise(settings.seed, np.arange(count), 0, agents, settings.samples)
+
+
+def rows(settings: Settings, name: str, size: int, compared: dict[str, Way]) -> list[Sequence[str]]:
+    from deggflow.tasks.fleet.verdict import judge
+
+    conditions, noise = problems(settings, name, size, settings.cases)
     seconds: dict[str, list[float]] = {way: [] for way in compared}
     paths: dict[str, list[np.ndarray]] = {way: [] for way in compared}
     for number, condition in enumerate(conditions):
@@ -119,8 +130,59 @@ def rows(settings: Settings, name: str, size: int, compared: dict[str, Way]) -> 
     return out
 
 
-def main(settings: Settings) -> None:
-    prepare_jax()
+def many_at_once(settings: Settings) -> None:
+    """Wall time a plan: ours in one batch, prioritised planning team by team on the device or a CPU, whichever is faster."""
+    import jax
+
+    from deggflow.tasks.fleet.field import load_field
+    from deggflow.tasks.fleet.generator import FleetGenerator
+    from deggflow.tasks.fleet.options import FleetFieldOptions
+    from deggflow.tasks.fleet.prioritised import denoiser, prioritised
+    from deggflow.tasks.fleet.verdict import judge
+
+    field, size = load_field(settings.weights), max(settings.sizes)
+    ours, program = FleetGenerator(field, FleetFieldOptions()), denoiser(field)
+    devices = {device.platform: device for device in (*jax.devices(), *jax.devices("cpu"))}
+    print(
+        f"JAX on {jax.devices()[0].device_kind}; {size} robots, seed {settings.seed}, wall time\n"
+    )
+    print("| map | ours | a plan | prioritised | a plan, median (device) | times ours |")
+    print("|---|---|---|---|---|---|", flush=True)
+    for name in settings.maps:
+        conditions, noise = problems(settings, name, size, settings.together)
+
+        def batch(conditions: Any = conditions) -> Any:
+            return ours.plans(conditions, seed=settings.seed)
+
+        plans = batch()  # compiles
+        each = np.median([_seconds(batch) for _ in range(settings.rounds)]) / len(conditions)
+        medians: dict[str, Any] = {}
+        for platform, device in devices.items():
+            with jax.default_device(device):
+                calls = [
+                    partial(prioritised, program, condition, own.swapaxes(0, 1)[:size])
+                    for condition, own in zip(conditions, noise[: settings.cases], strict=False)
+                ]
+                paths = [call().paths for call in calls]  # compiles
+                medians[platform] = np.median([_seconds(call) for call in calls])
+        best = min(medians, key=lambda platform: float(medians[platform]))
+        solved = sum(verdict.satisfied for verdict in judge(conditions[: len(paths)], paths))
+        held = sum(plan.certificate.satisfied for plan in plans)
+        print(
+            f"| {name} | {held}/{len(plans)} | {1e3 * each:.2f} ms | {solved}/{len(paths)} | "
+            f"{1e3 * medians[best]:.0f} ms ({best}) | {medians[best] / each:.0f} |",
+            flush=True,
+        )
+
+
+def _seconds(call: Callable[[], object]) -> float:
+    begun = time.perf_counter()
+    call()
+    return time.perf_counter() - begun
+
+
+def one_at_a_time(settings: Settings) -> None:
+    """CPU time a plan of every way, and what it solves."""
     compared = ways(settings)
     head = ("map", "N", "way", "solved", "RMS from nominal", "CPU a plan, median", "times ours")
     for row in (head, ["---"] * len(head)):
@@ -137,6 +199,11 @@ def main(settings: Settings) -> None:
         "elsewhere: the authors' own code, a few trials, their own checks at waypoints, no speed limit (yoraish/mmd; "
         "RAISELab-atUVA/Diffusion-MRMP)."
     )
+
+
+def main(settings: Settings) -> None:
+    prepare_jax()
+    (many_at_once if settings.together else one_at_a_time)(settings)
 
 
 if __name__ == "__main__":

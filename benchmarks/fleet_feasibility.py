@@ -160,9 +160,10 @@ def first_good(condition: Any, plans: Any) -> int | None:
 
 def tightness(condition: Any, robot: int, seed: int, ways: int = 24) -> float:
     """Least length of some short ways of a robot around the obstacles, over what the speed limit allows in all steps."""
-    from deggflow.tasks.fleet.planner import routes
+    from deggflow.tasks.fleet.routes import Search, routes
 
-    paths = routes(condition, [robot], np.random.default_rng(seed), ways)[:, 0]
+    (paths,) = routes([Search(condition, np.array([robot]), np.random.default_rng(seed))], ways)
+    paths = paths[:, 0]
     steps = np.linalg.norm(np.diff(paths, axis=1), axis=-1)
     return float(steps.sum(-1).min() / (steps.shape[1] * condition.speed_limit))
 

@@ -63,8 +63,8 @@ def test_examples_of_named_requirements_run(name):
 
 
 OTHERS = (
-    "deviation.least", "schema", "task.training", "tasks.fleet.crowding", "tasks.fleet.floor_files", "tasks.fleet.paths", "tasks.fleet.schemes",
-    "train.store", "view.fleet.mjcf", "view.fleet.playback",
+    "blocks", "deviation.least", "schema", "task.training", "tasks.fleet.crowding", "tasks.fleet.floor_files", "tasks.fleet.paths",
+    "tasks.fleet.schemes", "tasks.fleet.ways", "train.store", "view.fleet.mjcf", "view.fleet.playback",
 )  # fmt: skip
 ELSEWHERE = (  # with what their examples take for granted
     "frames", "loggers", "plotting", "pretrained", "tables.columns", "torch",

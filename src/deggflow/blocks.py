@@ -59,6 +59,21 @@ def map_blocks(call: Callable[[A], B], parts: Sequence[A], *, compiled: bool = F
         return first + list(pool.map(call, parts[len(first) :]))
 
 
+def map_groups(
+    call: Callable[[list[int]], Sequence[A]], groups: Sequence[list[int]], count: int
+) -> list[A]:
+    """Results for number 0 to `count - 1`, which `call` makes group by group, in this thread.
+
+    Example:
+        >>> map_groups(lambda group: [10 * k for k in group], [[0, 2], [1]], 3)
+        [0, 10, 20]
+    """
+    results: dict[int, A] = {}
+    for group in groups:
+        results.update(zip(group, call(group), strict=True))
+    return [results[k] for k in range(count)]
+
+
 def map_padded(
     call: Callable[[Int[np.ndarray, " samples"]], A], count: int, *, compiled: bool = False
 ) -> A:

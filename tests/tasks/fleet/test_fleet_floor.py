@@ -17,7 +17,7 @@ from deggflow.tasks.fleet.maps import FloorMap
 from deggflow.tasks.fleet.model import FleetModel
 from deggflow.tasks.fleet.options import FleetFieldOptions, FleetGenerate
 from deggflow.tasks.fleet.oracle import refutes
-from deggflow.tasks.fleet.planner import routes
+from deggflow.tasks.fleet.routes import Search, routes
 from deggflow.tasks.fleet.schemes import random_scheme
 from deggflow.tasks.fleet.task import FleetTask
 
@@ -106,7 +106,7 @@ def test_routes_lead_around_long_walls():
     starts, goals = random_scheme(WALLS, 12, rng)
     robots = tuple(Robot(tuple(a), tuple(b)) for a, b in zip(starts, goals, strict=True))
     condition = FleetCondition(WALLS, robots)
-    (paths,) = routes(condition, range(12), rng, 1)
+    ((paths,),) = routes([Search(condition, np.arange(12), rng)], 1)
     np.testing.assert_allclose(paths[:, 0], starts)
     np.testing.assert_allclose(paths[:, -1], goals)
     walls = [box(-0.5, -0.4, -0.4, 0.8), Point(0.5, -0.1).buffer(0.2), box(0.0, -0.8, 0.1, 0.4)]

@@ -15,8 +15,9 @@ from deggflow.tasks.fleet.maps import FloorMap
 from deggflow.tasks.fleet.oracle import refutes
 from deggflow.tasks.fleet.paths import exact_path
 from deggflow.tasks.fleet.plan import Plan
+from deggflow.tasks.fleet.segments import segment_from_ring
 from deggflow.tasks.fleet.task import FleetTask
-from deggflow.tasks.fleet.verdict import judge, segment_from_ring
+from deggflow.tasks.fleet.verdict import judge
 
 NOTCHED = ((-0.6, -0.7), (-0.1, -0.7), (-0.1, -0.2), (-0.3, -0.5), (-0.6, -0.2))
 FLOOR = FloorMap(boxes=((0.5, 0.5, 0.3, 0.2),), discs=((-0.5, 0.5, 0.2),), polygons=(NOTCHED,))
@@ -25,10 +26,13 @@ FLOOR = FloorMap(boxes=((0.5, 0.5, 0.3, 0.2),), discs=((-0.5, 0.5, 0.2),), polyg
 def random_plans(count):
     """Smooth random paths of three robots, many of which hit something."""
     rng = np.random.default_rng(3)
-    for _ in range(count):
+    styles = rng.uniform(
+        (0.01, 0.02), (0.06, 0.1), (10, 2)
+    )  # several plans of each are judged together
+    for k in range(count):
         starts, goals = rng.uniform(-0.9, 0.9, (2, 3, 2))
         robots = tuple(Robot(tuple(a), tuple(b)) for a, b in zip(starts, goals, strict=True))
-        radius, limit = rng.uniform(0.01, 0.06), rng.uniform(0.02, 0.1)
+        radius, limit = styles[k % len(styles)]
         condition = FleetCondition(FLOOR, robots, float(radius), float(limit))
         yield condition, exact_path(0.3 * rng.normal(size=(3, 124)), starts, goals)
 
@@ -72,6 +76,21 @@ def test_margins_are_those_of_shapely(plans):
             else:  # dense time misses the least distance by a little
                 slack = 2e-3 if miss.kind == "apart" else 1e-9
                 assert -1e-9 <= expected[miss.kind] - miss.margin <= slack
+
+
+def test_verdicts_of_a_batch_are_those_of_each_plan_alone(plans):
+    elsewhere = [
+        FleetCondition(name, condition.robots[:count], speed_limit=0.08)
+        for name in ("dense", "highways", "empty")
+        for (condition, _), count in zip(plans[:8], (3, 1, 3, 3, 2, 2, 3, 1), strict=True)
+    ]
+    others = [paths[: len(c.robots)] for c, (_, paths) in zip(elsewhere, plans, strict=False)]
+    conditions = [condition for condition, _ in plans] + elsewhere
+    paths = [paths for _, paths in plans] + others
+    order = np.random.default_rng(0).permutation(len(conditions))
+    together = judge([conditions[k] for k in order], [paths[k] for k in order])
+    for k, verdict in zip(order, together, strict=True):
+        assert verdict == judge([conditions[k]], [paths[k]])[0]
 
 
 def test_the_oracle_agrees(plans):

@@ -58,7 +58,8 @@ def straight(
     for x, y, radius in floor.discs:
         to_x, to_y = x - start_x, y - start_y
         share = np.clip((to_x * move_x + to_y * move_y) / square, 0.0, 1.0)
-        free &= np.hypot(to_x - share * move_x, to_y - share * move_y) >= radius + margin
+        away = (to_x - share * move_x) ** 2 + (to_y - share * move_y) ** 2
+        free &= away >= (radius + margin) ** 2
     if floor.polygons:
         moves = shapely.linestrings(np.stack(np.broadcast_arrays(start, end), axis=-2))
         for corners in floor.polygons:

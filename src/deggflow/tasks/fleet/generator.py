@@ -25,8 +25,8 @@ from .draws import ChosenThenGuided, Draw, guided_throughout
 from .options import FleetFieldOptions
 from .paths import DIM, exact_path, to_modes
 from .plan import Plan, robot_names
-from .planner import routes
 from .requirements import Crowding, fleet_guidance
+from .routes import Search, routes
 from .verdict import Verdict, judge
 
 STEPS = 100
@@ -260,14 +260,16 @@ class FleetGenerator:
     ) -> None:
         """Sets the routes of robots that keep no path; every other draw they take them whatever they cost."""
         seed, first, number = seeds
+        searches = {}
         for k in index:
             robots = np.flatnonzero(~starts.keeps[k, : len(conditions[k].robots)])
-            if not len(robots):
-                continue
-            rng = np.random.default_rng([seed, first + k, number])
-            ways = routes(conditions[k], robots.tolist(), rng, ROUTES)
-            starts.routes[k][:, robots] = to_modes(ways)
-            starts.handicap[k, robots] = -NEVER if number % 2 else HANDICAP
+            if len(robots):
+                rng = np.random.default_rng([seed, first + k, number])
+                searches[k] = Search(conditions[k], robots, rng)
+        found = routes([*searches.values()], ROUTES)
+        for (k, search), ways in zip(searches.items(), found, strict=True):
+            starts.routes[k][:, search.robots] = to_modes(ways)
+            starts.handicap[k, search.robots] = -NEVER if number % 2 else HANDICAP
 
 
 def _unblocked(batch: Batch, agents: int) -> Bool[np.ndarray, "plans agents"]:

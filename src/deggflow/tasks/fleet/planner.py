@@ -4,14 +4,11 @@ Skills after MMD: straight on the empty map; through the upper corridor of the c
 to the right; counter-clockwise on highways; by way of a waiting point on drop_region; elsewhere short ways.
 """
 
-from collections.abc import Sequence
 from functools import lru_cache
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.ndimage import gaussian_filter1d
 
 from .choice import choose, least_distance
 from .clearance import clearance, within
@@ -19,6 +16,7 @@ from .condition import APART, FleetCondition
 from .maps import NAMED, WAITING_POINTS
 from .paths import WAYPOINTS
 from .roadmap import Roadmap, make_roadmap
+from .ways import FINE, evenly, joined, rounded, timed_points
 
 ROUTES, SHAPES = 4, 5  # candidates of a robot: routes, and bends and timings of each
 ATTEMPTS = 8  # choices of a team, with new candidates each
@@ -26,10 +24,7 @@ CLEAR = 0.006  # map units, room between a disc and an obstacle or the bounds al
 SPARE = 0.002  # map units, beyond the least distance of two robots
 BLOCKED = 50.0  # cost of a candidate that is not clear or too fast
 PACE = 0.95  # largest share of the speed limit
-BOW = 0.8  # largest height of a bow over half of its chord
 VARIANTS = 24  # weightings of the roadmaps of named maps
-_FINE = 257  # points of a way before its timing
-_ROUND = 6.0  # standard deviation of the kernel that rounds corners, in points
 _BEND = {"empty": 0.12}  # map units, standard deviation of the slowest bend
 _BEND_ELSEWHERE = 0.05
 _WAIT = 0.25  # share of the time at a waiting point
@@ -38,18 +33,18 @@ _CORRIDOR, _END, _JITTER = 0.175, 0.4, 0.045  # of the conveyor: height, ends in
 Point = Float[np.ndarray, " 2"]
 
 
-class Way(NamedTuple):
-    """A route of one robot.
+class Routes(NamedTuple):
+    """Routes of robots.
 
     Attributes:
-        points: Points at equal shares of its length, corners rounded.
+        points: Points at equal shares of each one's length, corners rounded.
         length: In map units.
-        stop: Share of the length where it waits a quarter of the time; negative if it does not.
+        stop: Share of the length where the robot waits a quarter of the time; negative if it does not.
     """
 
-    points: Float[np.ndarray, "fine 2"]
-    length: float
-    stop: float
+    points: Float[np.ndarray, "robots routes fine 2"]
+    length: Float[np.ndarray, "robots routes"]
+    stop: Float[np.ndarray, "robots routes"]
 
 
 class Team(NamedTuple):
@@ -90,45 +85,31 @@ def _stops(name: str, start: Point, goal: Point, rng: np.random.Generator) -> li
     return []
 
 
-def _even(
-    ways: Sequence[Float[np.ndarray, "_ 2"]],  # corners, as many as each has
-) -> tuple[Float[np.ndarray, "ways fine 2"], Float[np.ndarray, " ways"]]:
-    """Points at equal shares of each way's length, and these lengths."""
-    travelled = []
-    for corners in ways:
-        move, along = corners[1:] - corners[:-1], np.zeros(len(corners))
-        np.cumsum(np.hypot(move[:, 0], move[:, 1]), out=along[1:])
-        travelled.append(along)
-    lengths = np.array([along[-1] for along in travelled])
-    share = np.linspace(0.0, lengths, _FINE, axis=-1)
-    points = np.empty((len(ways), _FINE, 2))
-    for k, (corners, along) in enumerate(zip(ways, travelled, strict=True)):
-        for axis in (0, 1):
-            points[k, :, axis] = np.interp(share[k], along, corners[:, axis])
-    return points, lengths
+def _draw_routes(condition: FleetCondition, rng: np.random.Generator) -> Routes:
+    roads, name = roadmap(condition, rng), _name(condition)
+    stops, variants = [], []
+    for start, goal in zip(condition.starts, condition.goals, strict=True):
+        for _ in range(ROUTES):
+            stops.append([start, *_stops(name, start, goal, rng), goal])
+            variants.append(rng.integers(len(roads.length)))
+    places = np.array(stops)
+    each = places.shape[1] - 1  # legs of a route
+    ends = np.stack([places[:, :-1].reshape(-1, 2), places[:, 1:].reshape(-1, 2)])
+    legs = roads.ways(ends, np.repeat(variants, each)[:, None])
+    points, length = evenly(joined(legs, each))
+    stop = np.full(len(length), -1.0)
+    if name == "drop_region":
+        first = np.linalg.norm(np.diff(legs.corners[::each], axis=1), axis=-1).sum(-1)
+        stop = first / np.maximum(length, 1e-9)
+    shape = (len(condition.robots), ROUTES)
+    return Routes(
+        rounded(points).reshape(*shape, FINE, 2), length.reshape(shape), stop.reshape(shape)
+    )
 
 
-def _rounded(points: Float[np.ndarray, "*ways fine 2"]) -> Float[np.ndarray, "*ways fine 2"]:
-    """Ways with round corners, and the same ends."""
-    room = _FINE // 8
-    width = [(0, 0)] * (points.ndim - 2) + [(room, room), (0, 0)]
-    padded = np.pad(points, width, mode="reflect", reflect_type="odd")
-    smooth = gaussian_filter1d(padded, _ROUND, axis=-2)[..., room:-room, :]
-    smooth[..., [0, -1], :] = points[..., [0, -1], :]
-    return smooth
-
-
-def _way(roads: Roadmap, name: str, start: Point, goal: Point, rng: np.random.Generator) -> Way:
-    stops = [start, *_stops(name, start, goal, rng), goal]
-    variant = int(rng.integers(len(roads.length)))
-    legs = [roads.way(variant, a, b) for a, b in pairwise(stops)]
-    corners = np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])])
-    (points,), (length,) = _even([corners])
-    points, length = _rounded(points), float(length)
-    if name != "drop_region":
-        return Way(points, length, -1.0)
-    first = np.sum(np.linalg.norm(np.diff(legs[0], axis=0), axis=-1))
-    return Way(points, length, float(first) / max(length, 1e-9))
+def _name(condition: FleetCondition) -> str:
+    """Of the map; empty for one that has none."""
+    return condition.map if isinstance(condition.map, str) else ""
 
 
 def _bends(
@@ -137,7 +118,7 @@ def _bends(
     """Smooth random offsets, zero at both ends and for the first shape of every route."""
     amplitude = size * rng.normal(size=(*shape, 3, 2)) / np.arange(1, 4)[:, None]
     amplitude[..., 0, :, :] = 0.0
-    waves = np.sin(np.pi * np.outer(np.linspace(0, 1, _FINE), np.arange(1, 4)))
+    waves = np.sin(np.pi * np.outer(np.linspace(0, 1, FINE), np.arange(1, 4)))
     return waves @ amplitude
 
 
@@ -175,16 +156,6 @@ def _held(
     )
 
 
-def _timed(
-    points: Float[np.ndarray, "*shape fine 2"], progress: Float[np.ndarray, "*shape 64"]
-) -> Float[np.ndarray, "*shape 64 2"]:
-    place = progress * (_FINE - 1)
-    low = np.clip(place.astype(int), 0, _FINE - 2)
-    share = (place - low)[..., None]
-    at = [np.take_along_axis(points, (low + k)[..., None], axis=-2) for k in (0, 1)]
-    return (1 - share) * at[0] + share * at[1]
-
-
 def candidates(
     condition: FleetCondition, rng: np.random.Generator
 ) -> tuple[
@@ -193,20 +164,14 @@ def candidates(
     Bool[np.ndarray, "robots candidates"],
 ]:
     """Paths of each robot, what each costs without the others, and whether it is clear and within the speed limit."""
-    roads, name = roadmap(condition, rng), condition.map if isinstance(condition.map, str) else ""
-    ways = [
-        [_way(roads, name, start, goal, rng) for _ in range(ROUTES)]
-        for start, goal in zip(condition.starts, condition.goals, strict=True)
-    ]
-    shape = (len(ways), ROUTES, SHAPES)
-    points = np.array([[way.points for way in each] for each in ways])[:, :, None]
-    length = np.array([[way.length for way in each] for each in ways])[:, :, None]
-    stop = np.array([[way.stop for way in each] for each in ways])[:, :, None]
+    name, routes = _name(condition), _draw_routes(condition, rng)
+    points, length, stop = (each[:, :, None] for each in routes)
+    shape = (*routes.length.shape, SHAPES)
     bends = _bends(rng, _BEND.get(name, _BEND_ELSEWHERE), shape)
     slope = np.where(stop < 0, 1.0, 1 / (1 - _WAIT))
     most = PACE * condition.speed_limit / np.maximum(1.1 * length * slope, 1e-9)
     progress = _timing(rng, np.broadcast_to(most, shape).copy())
-    paths = _timed(points + bends, _held(progress, np.broadcast_to(stop, shape)))
+    paths = timed_points(points + bends, _held(progress, np.broadcast_to(stop, shape)))
     paths = paths.reshape(shape[0], ROUTES * SHAPES, WAYPOINTS, 2)
     paths[:, :, 0], paths[:, :, -1] = condition.starts[:, None], condition.goals[:, None]
     room = condition.radius + CLEAR
@@ -218,31 +183,6 @@ def candidates(
     cost = np.minimum(2 * excess, 2.0) + rng.gumbel(scale=0.3, size=excess.shape)
     cost[:, ::SHAPES] -= 0.3  # the plain shape of a route
     return paths, cost, clear & (step <= condition.speed_limit)
-
-
-def _bow(ends: Float[np.ndarray, "2 2"], share: float) -> Float[np.ndarray, "corners 2"]:
-    """A way to the right of the straight line, by a share of half its length: who meets keeps to the right."""
-    t = np.linspace(0.0, 1.0, 33)[:, None]
-    start, goal = ends
-    x, y = goal - start
-    return (1 - t) * start + t * goal + share / 2 * np.sin(np.pi * t) * np.array([y, -x])
-
-
-def routes(
-    condition: FleetCondition, robots: Sequence[int], rng: np.random.Generator, count: int
-) -> Float[np.ndarray, "routes robots 64 2"]:
-    """Short ways of some robots around the obstacles, at an even pace, without a view to other robots."""
-    roads, own = roadmap(condition, rng), list(robots)
-    variants = rng.integers(len(roads.length), size=(len(own), count))
-    ways = roads.ways(condition.starts[own], condition.goals[own], variants)
-    if not condition.floor.obstacles:
-        ways = [
-            _bow(way, share)
-            for way, share in zip(ways, rng.uniform(0.0, BOW, len(ways)), strict=True)
-        ]
-    points = _rounded(_even(ways)[0])
-    paths = _timed(points, np.tile(np.linspace(0.0, 1.0, WAYPOINTS), (len(ways), 1)))
-    return paths.reshape(len(own), count, WAYPOINTS, 2).swapaxes(0, 1)
 
 
 def demonstrate(condition: FleetCondition, rng: np.random.Generator) -> Team:

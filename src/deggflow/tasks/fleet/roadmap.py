@@ -10,6 +10,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from .clearance import clearance, straight, within
 from .maps import RADIUS, FloorMap
+from .ways import Ways
 
 # Distances in map units, beyond the robots' radius:
 _ROOM = 0.018  # from obstacles along a way
@@ -55,54 +56,60 @@ class Roadmap(NamedTuple):
         free = straight(self.floor, start, end, self.radius + _ROOM)
         return np.where(free, length, np.inf)
 
-    def way(
-        self, variant: int, start: Float[np.ndarray, " 2"], goal: Float[np.ndarray, " 2"]
-    ) -> Float[np.ndarray, "corners 2"]:
-        """Corners of a way, both ends included; the straight line where there is none."""
-        return self.ways(start[None], goal[None], np.array([[variant]]))[0]
-
     def ways(
         self,
-        start: Float[np.ndarray, "robots 2"],
-        goal: Float[np.ndarray, "robots 2"],
-        variants: Int[np.ndarray, "robots ways"],
-    ) -> list[Float[np.ndarray, "_ 2"]]:
-        """Corners of several ways of each robot, those of a robot one after the other."""
+        ends: Float[np.ndarray, "2 robots 2"],
+        variants: Int[np.ndarray, "robots each"],
+    ) -> Ways:
+        """Several ways of each robot, those of a robot one after the other; straight lines where there is none.
+
+        Args:
+            ends: Starts and goals.
+            variants: Of the weights, for each way.
+        """
+        start, goal = ends
+        which, robot = variants.ravel(), np.repeat(np.arange(len(variants)), variants.shape[1])
         if not len(self.points):
-            return [np.stack(ends) for ends in zip(start, goal, strict=True) for _ in variants[0]]
-        direct = self.weight(start, goal)
-        into = self.weight(start[:, None], self.points[None])
-        out = self.weight(self.points[None], goal[:, None])
-        ways = []
-        for k, of_robot in enumerate(variants):
-            ways += self._corners(of_robot, start[k], goal[k], (direct[k], into[k], out[k]))
-        return ways
+            return Ways.straight(start[robot], goal[robot])
+        enters, into = _open(self.weight(start[:, None], self.points[None]))
+        leaves, out = _open(self.weight(self.points[None], goal[:, None]))
+        between = self.length[which[:, None, None], enters[robot, :, None], leaves[robot, None]]
+        total = into[robot, :, None] + between + out[robot, None]
+        total = total.reshape(len(which), -1)
+        best = total.argmin(1)
+        least = np.take_along_axis(total, best[:, None], 1)[:, 0]
+        enter, leave = np.divmod(best, leaves.shape[1])
+        first, last = enters[robot, enter], leaves[robot, leave]
+        straight = (self.weight(start, goal)[robot] <= least) | ~np.isfinite(least)
+        chain = [np.where(straight, first, last)]
+        while np.any(chain[-1] != first):
+            chain.append(np.where(chain[-1] == first, first, self.before[which, first, chain[-1]]))
+        backwards = np.array(chain)
+        count = np.where(straight, 0, 1 + np.sum(backwards[:-1] != first, axis=0))
+        return self._corners(backwards, count, start[robot], goal[robot])
 
     def _corners(
         self,
-        variants: Int[np.ndarray, " ways"],
-        start: Float[np.ndarray, " 2"],
-        goal: Float[np.ndarray, " 2"],
-        weights: tuple[float, Float[np.ndarray, " points"], Float[np.ndarray, " points"]],
-    ) -> list[Float[np.ndarray, "_ 2"]]:
-        """Args: weights: of the direct move, of moves from the start, and to the goal."""
-        direct, into, out = weights
-        enters, leaves = np.flatnonzero(np.isfinite(into)), np.flatnonzero(np.isfinite(out))
-        if not len(enters) or not len(leaves):
-            return [np.stack([start, goal]) for _ in variants]
-        total = into[enters, None] + self.length[np.ix_(variants, enters, leaves)] + out[leaves]
-        total = total.reshape(len(variants), -1)
-        ways = []
-        for variant, row, best in zip(variants, total, np.argmin(total, axis=1), strict=True):
-            if direct <= row[best] or not np.isfinite(row[best]):
-                ways.append(np.stack([start, goal]))
-                continue
-            first, last = enters[best // len(leaves)], leaves[best % len(leaves)]
-            chain = [last]
-            while chain[-1] != first:
-                chain.append(self.before[variant, first, chain[-1]])
-            ways.append(np.concatenate([start[None], self.points[chain[::-1]], goal[None]]))
-        return ways
+        chain: Int[np.ndarray, "most ways"],
+        count: Int[np.ndarray, " ways"],
+        start: Float[np.ndarray, "ways 2"],
+        goal: Float[np.ndarray, "ways 2"],
+    ) -> Ways:
+        """Args: chain: points of each way, from its last one back; count: how many of them it has."""
+        place = count - np.arange(1, len(chain) + 1)[:, None]  # in the chain, of each corner
+        points = self.points[np.take_along_axis(chain, np.maximum(place, 0), 0)]
+        inner = np.where(place[..., None] >= 0, points, goal)
+        corners = np.concatenate([start[None], inner, goal[None]]).swapaxes(0, 1)
+        return Ways(corners, count + 2)
+
+
+def _open(
+    weight: Float[np.ndarray, "robots points"],
+) -> tuple[Int[np.ndarray, "robots most"], Float[np.ndarray, "robots most"]]:
+    """Points that each robot can move to, and these moves' weights; filled up with points that it can't, at infinity."""
+    free = np.isfinite(weight)
+    index = np.argsort(~free, axis=1, kind="stable")[:, : max(1, free.sum(1).max())]
+    return index, np.take_along_axis(weight, index, 1)
 
 
 def _points(floor: FloorMap, rng: np.random.Generator, radius: float) -> Points:

@@ -3,20 +3,25 @@
 Shares no code with guidance, and nothing with the oracle.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from deggflow.blocks import map_groups
+
 from .condition import APART, FleetCondition
 from .maps import FloorMap
+from .segments import norm, point_from_segment, segment_from_ring
 
-PAIRS = 1_000_000  # of polygons and steps, looked at at once
+TOGETHER = 100_000  # pairs of steps with obstacles or other robots; more at once no longer fit a core's cache
+PAIRS = 1_000_000  # of polygons and steps of one plan, looked at at once
 
 Paths = Float[np.ndarray, "robots 64 2"]
-Vectors = Float[np.ndarray, "... 2"]
+Teams = Float[np.ndarray, "plans robots 64 2"]
+Index = Int[np.ndarray, "#plans margins"]
 
 
 @dataclass(frozen=True)
@@ -88,65 +93,14 @@ class Verdict:
         return self.worst.text() + more
 
 
-def _norm(vector: Vectors) -> Float[np.ndarray, "..."]:
-    # Not a sum over an axis of two, which takes several times as long.
-    return np.sqrt(vector[..., 0] ** 2 + vector[..., 1] ** 2)
-
-
-def _cross(a: Vectors, b: Vectors) -> Float[np.ndarray, "..."]:
-    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-
-
-def point_from_segment(point: Vectors, a: Vectors, b: Vectors) -> Float[np.ndarray, "..."]:
-    """Distance of points to segments."""
-    way, from_a = b - a, point - a
-    square = way[..., 0] ** 2 + way[..., 1] ** 2
-    share = from_a[..., 0] * way[..., 0] + from_a[..., 1] * way[..., 1]
-    share = np.clip(share / np.where(square > 0, square, 1.0), 0.0, 1.0)
-    return _norm(from_a - share[..., None] * way)
-
-
-def _crosses(a: Vectors, b: Vectors, c: Vectors, d: Vectors) -> np.ndarray:
-    """Whether segments a-b and c-d cross in a point inside of both."""
-    one = _cross(b - a, c - a) * _cross(b - a, d - a) < 0
-    return one & (_cross(d - c, a - c) * _cross(d - c, b - c) < 0)
-
-
-def segment_from_ring(
-    first: Float[np.ndarray, "steps 2"],
-    last: Float[np.ndarray, "steps 2"],
-    ring: Float[np.ndarray, "#steps corners 2"],
-) -> Float[np.ndarray, " steps"]:
-    """Distance of segments to simple polygons: at most zero where they meet, by the depth of the deeper end."""
-    a, b = ring, np.roll(ring, -1, axis=1)
-    start, end = first[:, None], last[:, None]
-    near = np.minimum(point_from_segment(start, a, b), point_from_segment(end, a, b))
-    near = np.minimum(near, point_from_segment(a, start, end)).min(axis=1)
-    depth = np.full(len(first), -1.0)
-    for point in (first, last):
-        edge = point_from_segment(point[:, None], a, b).min(axis=1)
-        depth = np.maximum(depth, np.where(_contains(a, b, point), edge, -1.0))
-    meets = _crosses(start, end, a, b).any(axis=1) | (depth >= 0)
-    return np.where(meets, -np.maximum(depth, 0.0), near)
-
-
-def _contains(a: Vectors, b: Vectors, point: Float[np.ndarray, "steps 2"]) -> np.ndarray:
-    """Whether a ray to the right passes an odd number of edges a-b."""
-    x, y = point[:, None, 0], point[:, None, 1]
-    over = (a[..., 1] > y) != (b[..., 1] > y)
-    rise = np.where(a[..., 1] == b[..., 1], 1.0, b[..., 1] - a[..., 1])
-    right = x < a[..., 0] + (y - a[..., 1]) / rise * (b[..., 0] - a[..., 0])
-    return ((over & right).sum(1) % 2) == 1
-
-
 class _Margins(NamedTuple):
-    """Margins of one kind, with robot, other and step of each; `both` for pairs, which two robots miss."""
+    """Margins of one kind, with robot, other and step of each; pairs are missed by both robots."""
 
     kind: str
-    margin: Float[np.ndarray, " margins"]
-    robot: np.ndarray
-    other: np.ndarray | None
-    step: np.ndarray
+    margin: Float[np.ndarray, "plans margins"]
+    robot: Index
+    other: Index | None
+    step: Index
 
 
 def obstacle_rings(floor: FloorMap) -> list[Float[np.ndarray, "corners 2"]]:
@@ -159,22 +113,46 @@ def obstacle_rings(floor: FloorMap) -> list[Float[np.ndarray, "corners 2"]]:
     return rings + [np.array(corners) for corners in floor.polygons]
 
 
-def _outside(condition: FleetCondition, paths: Paths) -> Iterator[_Margins]:
+def _outside(condition: FleetCondition, paths: Teams) -> Iterator[_Margins]:
     """Of every obstacle, numbered with boxes first, then polygons, then discs."""
-    floor, robots = condition.floor, len(paths)
-    first, last = paths[:, :-1].reshape(-1, 2), paths[:, 1:].reshape(-1, 2)
-    robot, step = np.divmod(np.arange(len(first)), paths.shape[1] - 1)
+    floor, plans = condition.floor, len(paths)
+    first, last = (part.reshape(plans, -1, 2) for part in (paths[:, :, :-1], paths[:, :, 1:]))
+    robot, step = np.divmod(np.arange(first.shape[1]), paths.shape[2] - 1)
     rings = obstacle_rings(floor)
-    for numbers in _together(rings, len(first)):
+    for numbers in _together(rings, first.shape[1]):
         group = np.array([rings[k] for k in numbers])
-        ring, part, distance = _nearest_steps(first, last, group, condition.radius)
-        margin = distance - condition.radius
-        yield _Margins("outside", margin, robot[part], numbers[ring], step[part])
-    for k, (x, y, radius) in enumerate(floor.discs, start=len(rings)):
-        near = point_from_segment(np.array([x, y]), first, last)
-        margin = near - radius - condition.radius
-        yield _Margins("outside", margin, robot, np.full(len(first), k), step)
-    assert robots
+        plan, ring, part, distance = _nearest_steps(first, last, group, condition.radius)
+        columns = (distance - condition.radius, robot[part], numbers[ring], step[part])
+        yield _Margins("outside", *_by_plan(plan, plans, columns))
+    if floor.discs:
+        discs = np.array(floor.discs)
+        near = point_from_segment(discs[:, None, :2], first[:, None], last[:, None])
+        margin = (near - discs[:, 2:] - condition.radius).reshape(plans, -1)
+        count = len(discs)
+        number = np.repeat(np.arange(len(rings), len(rings) + count), len(robot))
+        yield _Margins(
+            "outside", margin, np.tile(robot, count)[None], number[None], np.tile(step, count)[None]
+        )
+
+
+def _by_plan(
+    plan: Int[np.ndarray, " values"],
+    plans: int,
+    columns: tuple[Float[np.ndarray, " values"] | Int[np.ndarray, " values"], ...],
+) -> Iterator[np.ndarray]:
+    """Values with a row for each plan; what a row lacks is infinite in the first column.
+
+    Args:
+        plan: Whose each value is, in ascending order.
+        plans: How many there are.
+        columns: The values; the first ones are margins.
+    """
+    count = np.bincount(plan, minlength=plans)
+    place = np.arange(len(plan)) - np.repeat(np.cumsum(count) - count, count)
+    for k, column in enumerate(columns):
+        rows = np.full((plans, count.max()), 0 if k else np.inf, column.dtype)
+        rows[plan, place] = column
+        yield rows
 
 
 def _together(
@@ -188,66 +166,120 @@ def _together(
 
 
 def _nearest_steps(
-    first: Float[np.ndarray, "steps 2"],
-    last: Float[np.ndarray, "steps 2"],
+    first: Float[np.ndarray, "plans steps 2"],
+    last: Float[np.ndarray, "plans steps 2"],
     rings: Float[np.ndarray, "rings corners 2"],
     reach: float,
-) -> tuple[Int[np.ndarray, " pairs"], Int[np.ndarray, " pairs"], Float[np.ndarray, " pairs"]]:
-    """Polygons, segments and their distances, of all pairs that are within reach or can be the nearest of a polygon."""
-    half, middle = _norm(last - first) / 2, (first + last) / 2
+) -> tuple[
+    Int[np.ndarray, " pairs"],
+    Int[np.ndarray, " pairs"],
+    Int[np.ndarray, " pairs"],
+    Float[np.ndarray, " pairs"],
+]:
+    """Plans, polygons, segments and distances, of all pairs that are within reach or can be a plan's nearest of a polygon."""
+    half, middle = norm(last - first)[:, None] / 2, ((first + last) / 2)[:, None]
     low, high = rings.min(1)[:, None], rings.max(1)[:, None]
     # A lower bound, by the box around the polygon, and one upper bound of the least distance.
-    bound = _norm(np.maximum(np.maximum(low - middle, middle - high), 0.0)) - half
-    nearest = bound.argmin(1)
-    least = segment_from_ring(first[nearest], last[nearest], rings)
-    ring, part = np.nonzero(bound <= np.maximum(least, reach)[:, None])
-    return ring, part, segment_from_ring(first[part], last[part], rings[ring])
+    bound = norm(np.maximum(np.maximum(low - middle, middle - high), 0.0)) - half
+    plan, ring = (index.ravel() for index in np.indices(bound.shape[:2]))
+    nearest = bound.argmin(-1).ravel()
+    least = segment_from_ring(first[plan, nearest], last[plan, nearest], rings[ring])
+    limit = np.maximum(least, reach).reshape(bound.shape[:2])
+    plan, ring, part = np.nonzero(bound <= limit[..., None])
+    return (
+        plan, ring, part, segment_from_ring(first[plan, part], last[plan, part], rings[ring])
+    )  # fmt: skip
 
 
-def _margins(condition: FleetCondition, paths: Paths) -> Iterator[_Margins]:
-    robots, waypoints, _ = paths.shape
-    robot, step = np.divmod(np.arange(robots * (waypoints - 1)), waypoints - 1)
-    away = np.stack(
-        [_norm(paths[:, 0] - condition.starts), _norm(paths[:, -1] - condition.goals)], axis=1
-    )
-    ends = np.where(away == 0, np.inf, -away).ravel()
-    places = np.tile([0, waypoints - 2], robots)
-    yield _Margins("ends", ends, np.repeat(np.arange(robots), 2), None, places)
+def _margins(conditions: Sequence[FleetCondition], paths: Teams) -> Iterator[_Margins]:
+    """Of plans with equally many robots on one floor, with the same radius and speed limit."""
+    condition = conditions[0]
+    plans, robots, waypoints, _ = paths.shape
+    robot, step = np.divmod(np.arange(robots * (waypoints - 1))[None], waypoints - 1)
+    starts = np.array([each.starts for each in conditions])
+    goals = np.array([each.goals for each in conditions])
+    away = np.stack([norm(paths[:, :, 0] - starts), norm(paths[:, :, -1] - goals)], axis=2)
+    ends = np.where(away == 0, np.inf, -away).reshape(plans, -1)
+    places = np.tile([0, waypoints - 2], robots)[None]
+    yield _Margins("ends", ends, np.repeat(np.arange(robots), 2)[None], None, places)
     first, second = np.triu_indices(robots, 1)
     if len(first):
-        offset = paths[first] - paths[second]
-        near = point_from_segment(np.zeros(2), offset[:, :-1], offset[:, 1:])
-        margin = (near - APART * condition.radius).ravel()
-        pair, at = np.divmod(np.arange(len(margin)), waypoints - 1)
+        offset = paths[:, first] - paths[:, second]
+        near = point_from_segment(np.zeros(2), offset[:, :, :-1], offset[:, :, 1:])
+        margin = (near - APART * condition.radius).reshape(plans, -1)
+        pair, at = np.divmod(np.arange(margin.shape[1])[None], waypoints - 1)
         yield _Margins("apart", margin, first[pair], second[pair], at)
     low, high = np.reshape(condition.floor.bounds, (2, 2))
-    room = np.minimum(paths - low, high - paths).min(-1) - condition.radius
-    yield _Margins("inside", np.minimum(room[:, :-1], room[:, 1:]).ravel(), robot, None, step)
-    if condition.floor.boxes or condition.floor.discs or condition.floor.polygons:
-        parts = list(_outside(condition, paths))
-        columns = (np.concatenate(column) for column in list(zip(*parts, strict=True))[1:])
-        yield _Margins("outside", *columns)
-    speed = condition.speed_limit - _norm(np.diff(paths, axis=1))
-    yield _Margins("speed", speed.ravel(), robot, None, step)
+    room = np.minimum(paths - low, high - paths)
+    room = np.minimum(room[..., 0], room[..., 1]) - condition.radius
+    margin = np.minimum(room[..., :-1], room[..., 1:]).reshape(plans, -1)
+    yield _Margins("inside", margin, robot, None, step)
+    if condition.floor.obstacles:
+        yield _joined(list(_outside(condition, paths)))
+    speed = condition.speed_limit - norm(np.diff(paths, axis=2))
+    yield _Margins("speed", speed.reshape(plans, -1), robot, None, step)
 
 
-def _verdict(condition: FleetCondition, paths: Paths) -> Verdict:
-    misses, violation, blocked = [], 0.0, set()
-    for kind in _margins(condition, paths):
+def _joined(parts: Sequence[_Margins]) -> _Margins:
+    """Margins of one kind as one."""
+    if len(parts) == 1:
+        return parts[0]
+    plans = len(parts[0].margin)
+    columns = [
+        np.concatenate([np.broadcast_to(each, (plans, each.shape[1])) for each in column], axis=1)
+        for column in list(zip(*parts, strict=True))[1:]
+    ]
+    return _Margins(parts[0].kind, *columns)
+
+
+def _verdicts(conditions: Sequence[FleetCondition], paths: Teams) -> list[Verdict]:
+    """Of plans as of `_margins`."""
+    plans = len(paths)
+    misses: list[list[Miss]] = [[] for _ in range(plans)]
+    violation, blocked = [0.0] * plans, [set[int]() for _ in range(plans)]
+    for kind in _margins(conditions, paths):
         margin = np.where(np.isnan(kind.margin), -np.inf, kind.margin)
-        k = int(margin.argmin())
-        other = None if kind.other is None else int(kind.other[k])
-        misses.append(
-            Miss(kind.kind, float(margin[k]), int(kind.robot[k]), other, int(kind.step[k]))
-        )
-        short = margin < 0
-        violation += float(np.sum(margin[short] ** 2) / 2)
-        blocked.update(kind.robot[short].tolist())
-        if kind.kind == "apart" and kind.other is not None:
-            blocked.update(kind.other[short].tolist())
-    return Verdict(tuple(misses), violation, tuple(sorted(blocked)))
+        index = [
+            None if each is None else np.broadcast_to(each, margin.shape)
+            for each in (kind.robot, kind.other, kind.step)
+        ]
+        worst = margin.argmin(1)
+        for k, place in enumerate(worst.tolist()):
+            robot, other, step = (None if each is None else int(each[k, place]) for each in index)
+            assert robot is not None
+            assert step is not None
+            misses[k].append(Miss(kind.kind, float(margin[k, place]), robot, other, step))
+        for k in np.flatnonzero(margin.min(1) < 0).tolist():
+            short = margin[k] < 0
+            violation[k] += float(np.sum(margin[k, short] ** 2) / 2)
+            missing = index[:2] if kind.kind == "apart" else index[:1]
+            for robots in missing:
+                assert robots is not None
+                blocked[k].update(robots[k, short].tolist())
+    return [
+        Verdict(tuple(kinds), total, tuple(sorted(robots)))
+        for kinds, total, robots in zip(misses, violation, blocked, strict=True)
+    ]
+
+
+def _alike(conditions: Sequence[FleetCondition], paths: Sequence[Paths]) -> Iterator[list[int]]:
+    """Numbers of plans as of `_margins`, not too many at once."""
+    groups: dict[Hashable, list[int]] = {}
+    for k, (condition, path) in enumerate(zip(conditions, paths, strict=True)):
+        key = (condition.map, condition.radius, condition.speed_limit, path.shape)
+        groups.setdefault(key, []).append(k)
+    for group in groups.values():
+        robots, waypoints, _ = paths[group[0]].shape
+        others = conditions[group[0]].floor.obstacles + robots
+        count = max(1, TOGETHER // (robots * waypoints * others))
+        yield from (group[k : k + count] for k in range(0, len(group), count))
 
 
 def judge(conditions: Sequence[FleetCondition], paths: Sequence[Paths]) -> list[Verdict]:
     """The verdict on every plan; paths must be finite."""
-    return [_verdict(condition, each) for condition, each in zip(conditions, paths, strict=True)]
+
+    def of_group(group: list[int]) -> list[Verdict]:
+        teams = np.array([paths[k] for k in group], float)
+        return _verdicts([conditions[k] for k in group], teams)
+
+    return map_groups(of_group, [*_alike(conditions, paths)], len(conditions))
