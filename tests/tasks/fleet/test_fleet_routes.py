@@ -8,43 +8,48 @@ from shapely.geometry import LineString
 
 from deggflow.tasks.fleet.condition import FleetCondition, Robot
 from deggflow.tasks.fleet.drawn import random_conditions
-from deggflow.tasks.fleet.maps import NAMED
+from deggflow.tasks.fleet.maps import NAMED, FloorMap
 from deggflow.tasks.fleet.roadmap import make_roadmap
 from deggflow.tasks.fleet.routes import Search, routes
 from deggflow.tasks.fleet.ways import FINE, Ways, evenly
 
+MANY = FloorMap(
+    discs=tuple((x, y, 0.02) for x in np.linspace(-0.8, 0.8, 7) for y in np.linspace(-0.8, 0.8, 7))
+)
+FLOORS = {**NAMED, "many": MANY}
 
-@pytest.mark.parametrize("name", ["conveyor", "highways", "dense"])
-def test_a_way_is_the_least_of_all_combinations(name):
+
+@pytest.mark.parametrize(
+    ("name", "robots", "each"),
+    [("conveyor", 6, 2), ("highways", 6, 2), ("dense", 6, 2), ("many", 20, 16)],
+)
+def test_a_way_is_the_least_of_all_combinations(name, robots, each):
     rng = np.random.default_rng(1)
-    roads = make_roadmap(NAMED[name], rng, 2, one_way=name == "highways")
-    (condition,) = random_conditions(6, 1, name, "random", 5)
-    variants = np.tile([0, 1], (6, 1))
-    ways = roads.ways(np.stack([condition.starts, condition.goals]), variants)
-    assert ways.corners.shape[0] == 12
-    pairs = itertools.product(zip(condition.starts, condition.goals, strict=True), (0, 1))
-    for ((start, goal), variant), corners, count in zip(pairs, *ways, strict=True):
-        np.testing.assert_array_equal(corners[0], start)
-        np.testing.assert_array_equal(
-            corners[count - 1 :], np.tile(goal, (len(corners) - count + 1, 1))
-        )
-        inner = [int(np.argmin(np.hypot(*(roads.points - p).T))) for p in corners[1 : count - 1]]
-        np.testing.assert_array_equal(roads.points[inner], corners[1 : count - 1])
-        length = roads.length[variant]
-        into = roads.weight(np.broadcast_to(start, roads.points.shape), roads.points)
-        out = roads.weight(roads.points, np.broadcast_to(goal, roads.points.shape))
-        least = min(
-            into[a] + length[a, b] + out[b]
-            for a, b in itertools.product(range(len(into)), repeat=2)
-        )
+    roads = make_roadmap(FLOORS[name], rng, 2, one_way=name == "highways")
+    (condition,) = random_conditions(robots, 1, "empty" if name == "many" else name, "random", 5)
+    variants = np.tile([0, 1], (robots, each // 2))
+    starts, goals, points = condition.starts, condition.goals, roads.points
+    ways = zip(*roads.ways(np.stack([starts, goals]), variants), strict=True)
+    for start, goal, of_robot in zip(starts, goals, variants, strict=True):
+        into = roads.weight(np.broadcast_to(start, points.shape), points)
+        out = roads.weight(points, np.broadcast_to(goal, points.shape))
         (direct,) = roads.weight(start[None], goal[None])
-        if not inner:
-            assert direct <= least
-            continue
-        assert np.isclose(into[inner[0]] + length[inner[0], inner[-1]] + out[inner[-1]], least)
-        assert least < direct
-        legs = sum(length[a, b] for a, b in itertools.pairwise(inner))
-        assert np.isclose(legs, length[inner[0], inner[-1]])  # a shortest way, by its own parts
+        least = [(into[:, None] + length + out).min() for length in roads.length]
+        for variant, (corners, count) in zip(of_robot, itertools.islice(ways, each), strict=True):
+            np.testing.assert_array_equal(corners[0], start)
+            assert (corners[count - 1 :] == goal).all()
+            inner = [int(np.argmin(np.hypot(*(points - p).T))) for p in corners[1 : count - 1]]
+            np.testing.assert_array_equal(points[inner], corners[1 : count - 1])
+            if not inner:
+                assert direct <= least[variant]
+                continue
+            between = roads.length[variant]
+            first, last = inner[0], inner[-1]
+            assert np.isclose(into[first] + between[first, last] + out[last], least[variant])
+            assert least[variant] < direct
+            legs = sum(between[a, b] for a, b in itertools.pairwise(inner))
+            assert np.isclose(legs, between[first, last])  # a shortest way, by its own parts
+    assert next(ways, None) is None
 
 
 def test_points_are_those_of_shapely():

@@ -18,6 +18,7 @@ _CORNER = 0.03  # of roadmap points from the sides of a box
 _EDGE = 0.02  # of roadmap points from the bounds
 _SIDES = 8  # of the polygon around a disc
 _WORK = 40_000_000  # pairs of points times obstacles: large floors get fewer points
+_PAIRS = 1_000_000  # of first and last points of ways, looked at at once
 _SCATTERED = 40  # random points, so that ways differ
 _NOISE = 0.25  # standard deviation of log weights of moves
 BACKWARDS = 8.0  # weight of moves against a one-way ring, as on highways
@@ -71,15 +72,17 @@ class Roadmap(NamedTuple):
         which, robot = variants.ravel(), np.repeat(np.arange(len(variants)), variants.shape[1])
         if not len(self.points):
             return Ways.straight(start[robot], goal[robot])
-        enters, into = _open(self.weight(start[:, None], self.points[None]))
-        leaves, out = _open(self.weight(self.points[None], goal[:, None]))
-        between = self.length[which[:, None, None], enters[robot, :, None], leaves[robot, None]]
-        total = into[robot, :, None] + between + out[robot, None]
-        total = total.reshape(len(which), -1)
-        best = total.argmin(1)
-        least = np.take_along_axis(total, best[:, None], 1)[:, 0]
-        enter, leave = np.divmod(best, leaves.shape[1])
-        first, last = enters[robot, enter], leaves[robot, leave]
+        into = _open(self.weight(start[:, None], self.points[None]))
+        out = _open(self.weight(self.points[None], goal[:, None]))
+        pairs = into.points.shape[1] * out.points.shape[1]
+        parts = np.array_split(np.arange(len(which)), -(-len(which) * pairs // _PAIRS))
+        first, last, least = (
+            np.concatenate(each)
+            for each in zip(
+                *(self._best(which[k], into.of(robot[k]), out.of(robot[k])) for k in parts),
+                strict=True,
+            )
+        )
         straight = (self.weight(start, goal)[robot] <= least) | ~np.isfinite(least)
         chain = [np.where(straight, first, last)]
         while np.any(chain[-1] != first):
@@ -87,6 +90,17 @@ class Roadmap(NamedTuple):
         backwards = np.array(chain)
         count = np.where(straight, 0, 1 + np.sum(backwards[:-1] != first, axis=0))
         return self._corners(backwards, count, start[robot], goal[robot])
+
+    def _best(
+        self, variants: Int[np.ndarray, " ways"], into: "_Moves", out: "_Moves"
+    ) -> tuple[Int[np.ndarray, " ways"], Int[np.ndarray, " ways"], Float[np.ndarray, " ways"]]:
+        """First and last point of each way, and its weighted length."""
+        between = self.length[variants[:, None, None], into.points[:, :, None], out.points[:, None]]
+        total = into.weight[:, :, None] + between + out.weight[:, None]
+        total = total.reshape(len(total), -1)
+        best, way = total.argmin(1), np.arange(len(total))
+        enter, leave = np.divmod(best, out.points.shape[1])
+        return into.points[way, enter], out.points[way, leave], total[way, best]
 
     def _corners(
         self,
@@ -103,13 +117,22 @@ class Roadmap(NamedTuple):
         return Ways(corners, count + 2)
 
 
-def _open(
-    weight: Float[np.ndarray, "robots points"],
-) -> tuple[Int[np.ndarray, "robots most"], Float[np.ndarray, "robots most"]]:
-    """Points that each robot can move to, and these moves' weights; filled up with points that it can't, at infinity."""
+class _Moves(NamedTuple):
+    """Straight moves from or to places; filled up with some that are blocked, of infinite weight."""
+
+    points: Int[np.ndarray, "places most"]
+    weight: Float[np.ndarray, "places most"]
+
+    def of(self, rows: Int[np.ndarray, " rows"]) -> "_Moves":
+        """Those of some places."""
+        return _Moves(self.points[rows], self.weight[rows])
+
+
+def _open(weight: Float[np.ndarray, "places points"]) -> _Moves:
+    """Moves that are free."""
     free = np.isfinite(weight)
-    index = np.argsort(~free, axis=1, kind="stable")[:, : max(1, free.sum(1).max())]
-    return index, np.take_along_axis(weight, index, 1)
+    points = np.argsort(~free, axis=1, kind="stable")[:, : max(1, free.sum(1).max())]
+    return _Moves(points, np.take_along_axis(weight, points, 1))
 
 
 def _points(floor: FloorMap, rng: np.random.Generator, radius: float) -> Points:
