@@ -49,6 +49,7 @@ test: $(VENV)/.dev
 
 lint: $(VENV)/.dev
 	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
+	@$(BIN)/mypy --config-file benchmarks/mypy.ini
 	@$(BIN)/codespell src tests docs examples benchmarks *.md
 
 docs: $(VENV)/.dev $(VENV)/.docs

@@ -186,7 +186,7 @@ def scenes(settings: Settings, made: dict[str, Any]) -> dict[str, Callable[[], A
 
     conditions = random_conditions(settings.size, settings.scenes, "changed", settings.seed)
     noise = initial_noise(settings.seed, np.arange(settings.scenes), 0)
-    fields = {
+    fields: dict[str, Any] = {
         "JAX": load_field(),
         "TorchField": TorchField(load_torch_field(), extras=scene_arrays),
     }

@@ -333,7 +333,6 @@ def training_kinds(home: Path) -> list[Kind]:
     import equinox as eqx
     import jax
     import jax.numpy as jnp
-    import numpy as np
 
     from deggflow.train import Dataset, TrainingConfig, read_curves, train
 
@@ -343,7 +342,7 @@ def training_kinds(home: Path) -> list[Kind]:
         def __call__(self, tau: jax.Array, z: jax.Array, condition: None) -> jax.Array:
             return self.weight * z
 
-    data = Dataset(np.ones((4, 2, 2), np.float32), None, np.ones((4, 2), bool))
+    data = Dataset(jnp.ones((4, 2, 2)), None, jnp.ones((4, 2), bool))
     config = TrainingConfig(steps=10, batch=2, warmup=1, validate_every=5)
     run = home / "run"
 

@@ -4,7 +4,7 @@ Usage: python benchmarks/guidance_phase.py [tabletop | bridge] [--sizes 8 12] [-
 """
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal
@@ -110,7 +110,7 @@ def scenes(settings: Settings, size: int) -> list[list[str]]:
     return [[*row, times.get(row[1], "")] for row in table]
 
 
-def ratios(runs: dict[str, Callable[[], Any]], rounds: int) -> dict[str, str]:
+def ratios(runs: Mapping[str, Callable[[], Any]], rounds: int) -> dict[str, str]:
     """Seconds over those of the first run: medians over rounds in which the runs take turns."""
     taken: dict[str, list[float]] = {name: [] for name in runs}
     for _ in range(rounds):

@@ -111,9 +111,9 @@ def check(rng, rows, inputs, count):
         report.feasible += solution
         if not solution or not len(live[0]):
             continue
-        report.kkt = max(report.kkt, kkt_residual(*live, u[k]))
+        report.kkt = max(report.kkt, kkt_residual(live[0], live[1], u[k]))
         if single_feasible[k]:
-            report.single = max(report.single, violation(*live, single[k]))
+            report.single = max(report.single, violation(live[0], live[1], single[k]))
     return report
 
 

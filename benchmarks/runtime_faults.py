@@ -26,6 +26,7 @@ import sys
 import time
 from collections import Counter
 from functools import cache
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -82,7 +83,7 @@ GUIDANCES = (
 def programs(which, drift):
     """The team's program, and the batched one."""
     guidance = GUIDANCES[which]
-    settings = {"grid": GRID, "drift": DRIFTS[drift]}
+    settings: dict[str, Any] = {"grid": GRID, "drift": DRIFTS[drift]}
 
     def batched(z0, stops):
         return generate(field, guidance, z0, None, stops=stops, **settings)

@@ -20,6 +20,7 @@ import sys
 import time
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 SIZES = (4, 6, 8)
 ROUNDS = (
@@ -76,7 +77,7 @@ def play_team(size, plan, args, first, on_row):
 
     conditions = conditions_of(size, len(plan), args.seed)
     options = BridgeGenerate(seed=args.seed, deadline=args.deadline, transport=args.transport)
-    faults = None
+    faults: Any = None
     with LocalTeam(
         "bridge", BridgeProcesses(), conditions, options, join=JOIN,
         on_line=lambda process, line: faults.take(process, line),
@@ -200,7 +201,8 @@ def main():
     options.add_argument("--central", type=int, nargs=3, help=argparse.SUPPRESS)
     args = options.parse_args()
     if args.central:
-        central(*args.central, args.seed)
+        size, count, first = args.central
+        central(size, count, first, args.seed)
         return
     rows = []
     if args.out.exists():

@@ -177,6 +177,7 @@ def borders(generator, condition, args):
     owners = np.full(len(z0), -1)
     owners[:count] = owners_of(count, args.processes)
     field, guidance = large_scene_field(large.field, HEARD), large_scene_guidance()
+    assert large.guard is not None
     objects, samples = ObjectNeighbourhood(2 * BESIDE), []
     for what, near in (("borders", objects), ("all states", Everybody(objects))):
         program = PartProgram(
@@ -193,7 +194,7 @@ def borders(generator, condition, args):
         samples.append(np.asarray(made[0][0].generation.z))
     whole = large.batch(condition, args.seed, 0, 0).z[0]
     print(
-        f"told borders and told all states: {'equal' if np.array_equal(*samples) else 'NOT equal'} bit for bit; "
+        f"told borders and told all states: {'equal' if np.array_equal(samples[0], samples[1]) else 'NOT equal'} bit for bit; "
         f"greatest difference from the batched program {np.abs(samples[0] - whole).max():.1e}"
     )
 

@@ -72,7 +72,7 @@ def scenes(chunks):
         "start": start - statistics.median(times),
         "chunks": times,
         "driver": driver_time(made),
-        "bytes": sum(map(len, made)) / CHUNK,
+        "bytes": sum(len(each) for each in made) / CHUNK,
         "memory": peak_memory(),
     }
 

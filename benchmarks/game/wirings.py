@@ -249,7 +249,7 @@ WIRINGS = {
     "negative buffer": lambda z0, c, rng: apart(buffer=-0.1),
     "infinite buffer": lambda z0, c, rng: apart(buffer=float("inf")),
     "margins that are no function": lambda z0, c, rng: apart(3.0),
-    "an end that is a number": lambda z0, c, rng: TighteningBound(end=0.0),
+    "an end that is a number": lambda z0, c, rng: TighteningBound(end=0.0),  # type: ignore[arg-type]
     "negative slack": lambda z0, c, rng: TighteningBound(slack=-0.1),
     "kappa below 1": lambda z0, c, rng: apart(kappa=0.5),
     "rho of 1": lambda z0, c, rng: apart(rho=1.0),

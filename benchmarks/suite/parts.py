@@ -53,7 +53,7 @@ def _calls(batch: int) -> tuple[dict[str, Call], dict[str, str]]:
         jnp.asarray, to_arrays(random_conditions(SIZE, batch, "changed", SEED))
     )
     z = jnp.asarray(initial_noise(SEED, np.arange(batch), 0)[:, :SIZE])
-    affordance = guidance.requirements[0]
+    affordance: Any = guidance.requirements[0]
 
     def value_and_gradient(z: Any, condition: Any) -> Any:
         parts, gradient = affordance.margins.violation_and_gradient(z, condition, affordance.buffer)
@@ -104,7 +104,7 @@ def _steps(field: Any, guidance: DecoupledGuidance, z: Any, condition: Any) -> C
         return guided
 
     def start(z: Any, condition: Any) -> Any:
-        return steps.start(velocity(condition), guidance.init(z, condition), z, condition)
+        return steps.start(len(guidance.names), guidance.init(z, condition), z, condition)
 
     def advance(condition: Any, lane: Any) -> Any:
         return steps.advance(velocity(condition), guidance.on_forced_step, None, lane)

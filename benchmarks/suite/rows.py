@@ -93,7 +93,7 @@ HEADINGS = ("name", "what", "median ms", "per sample", "ratio", "min", "max", ""
 
 def table(rows: Sequence[Row]) -> str:
     """All rows as text, in columns; numbers to the right."""
-    lines = [HEADINGS]
+    lines: list[tuple[str, ...]] = [HEADINGS]
     for row in rows:
         r = row.ratio
         ratios = ("",) * 3 if r is None else tuple(map(number, (r.median, r.least, r.most)))
