@@ -38,13 +38,18 @@ def _own(crowding: Crowding) -> list[bool]:
     return [False, True, True, *[True] * (bool(crowding.nearest) + crowding.polygons)]
 
 
-def meetings(
-    paths: Float[Array, "candidates 64 2"], others: Float[Array, "others 64 2"], reach: Scalar
-) -> Float[Array, "candidates others"]:
-    """What each of some paths and each of others add to V together, at waypoints."""
-    x, y = (paths[:, None, :, k] - others[None, :, :, k] for k in (0, 1))
-    near = jnp.sqrt(x**2 + y**2)
-    return jnp.sum(jnp.maximum(reach - near, 0.0) ** 2, axis=-1) / BUFFER**2
+class _Choice(NamedTuple):
+    """The present choice of each robot.
+
+    Attributes:
+        chosen: Its candidate.
+        met: What each candidate of each robot adds to V together with another robot's choice; zero while that has none.
+        turn: Number of turns that are over; robots take turns in their order.
+    """
+
+    chosen: Int[Array, " agents"]
+    met: Float[Array, "others agents candidates"]
+    turn: Int[Array, ""]
 
 
 def choose(
@@ -56,7 +61,7 @@ def choose(
     """A candidate of each robot: one after the other, then best responses.
 
     In turn, each robot takes the candidate with the least cost against the present choices of the others. The sum of all
-    costs falls with every change, as the cost of a pair counts for both.
+    costs falls with every change, as the cost of a pair counts for both. Turns in which nothing changes take no time.
 
     Args:
         own: What each candidate costs without the others.
@@ -64,29 +69,42 @@ def choose(
         reach: Distance of centres from which on two robots cost nothing.
         mask: Which robots are present.
     """
-    robots = jnp.arange(len(own))
+    count = len(own)
+    robots, (x, y) = jnp.arange(count), (paths[..., 0], paths[..., 1])
 
-    def respond(k: Int[Array, ""], state: _Choice) -> _Choice:
-        robot = k % len(own)
-        counts = state.placed & mask & (robots != robot)
-        costs = jnp.where(counts[None], meetings(paths[robot], state.paths, reach), 0.0)
-        best = jnp.argmin(own[robot] + jnp.sum(costs, axis=1))
+    def best(state: _Choice) -> Int[Array, " agents"]:
+        return jnp.argmin(own + jnp.sum(state.met, axis=0), axis=1).astype(jnp.int32)
+
+    def take(state: _Choice, robot: Int[Array, ""], turn: Int[Array, ""]) -> _Choice:
+        choice = best(state)[robot]
+        dx, dy = (each - each[robot, choice][None, None] for each in (x, y))
+        away = jnp.sqrt(dx**2 + dy**2)
+        cost = jnp.sum(jnp.maximum(reach - away, 0.0) ** 2, axis=-1) / BUFFER**2
+        counts = mask[robot] & (robots != robot)
         return _Choice(
-            state.chosen.at[robot].set(best),
-            state.paths.at[robot].set(paths[robot, best]),
-            state.placed.at[robot].set(True),
+            state.chosen.at[robot].set(choice),
+            state.met.at[robot].set(jnp.where(counts[:, None], cost, 0.0)),
+            turn + 1,
         )
 
-    nobody = _Choice(jnp.zeros(len(own), jnp.int32), paths[:, 0], jnp.zeros(len(own), bool))
-    return jax.lax.fori_loop(0, (SWEEPS + 1) * len(own), respond, nobody).chosen
+    def next_change(state: _Choice) -> Int[Array, ""]:
+        """The next turn in which a robot changes its choice; one that never comes if none does."""
+        turn = state.turn + (robots - state.turn) % count
+        changes = mask & (best(state) != state.chosen)
+        return jnp.min(jnp.where(changes, turn, (SWEEPS + 1) * count))
 
-
-class _Choice(NamedTuple):
-    """The present choice of each robot, its path, and whether it has had a turn."""
-
-    chosen: Int[Array, " agents"]
-    paths: Float[Array, "agents 64 2"]
-    placed: Bool[Array, " agents"]
+    nobody = _Choice(
+        jnp.zeros(count, jnp.int32),
+        jnp.zeros((count, *own.shape), own.dtype),
+        jnp.zeros((), jnp.int32),
+    )
+    placed = jax.lax.fori_loop(0, count, lambda k, state: take(state, k, k), nobody)
+    settled = jax.lax.while_loop(
+        lambda state: next_change(state) < (SWEEPS + 1) * count,
+        lambda state: take(state, next_change(state) % count, next_change(state)),
+        placed,
+    )
+    return settled.chosen
 
 
 def best_response(
