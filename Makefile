@@ -20,12 +20,13 @@ help:
 	@echo "make test-matrix    run the tests under every Python from 3.11 to 3.14 that is there, or that uv can get"
 	@echo "make release-check  build the package, install the wheel into a fresh environment, run demo and tests from it"
 
+# pip would compile all modules of all packages, most of which nothing imports (--no-compile; uv does not either).
 $(VENV)/.base: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "deggflow needs Python >= 3.11; set PYTHON=/path/to/python"; exit 1; }
 	@if command -v uv >/dev/null 2>&1; then \
 		{ test -x $(BIN)/python || uv venv --quiet --python $(PYTHON) $(VENV); } && uv pip install --quiet --python $(BIN)/python -e .; \
 	else \
-		{ test -x $(BIN)/python || $(PYTHON) -m venv $(VENV); } && $(BIN)/python -m pip install --quiet --disable-pip-version-check -e .; \
+		{ test -x $(BIN)/python || $(PYTHON) -m venv $(VENV); } && $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -e .; \
 	fi
 	@touch $@
 
@@ -33,7 +34,7 @@ $(VENV)/.dev $(VENV)/.bench $(VENV)/.docs $(VENV)/.ray $(VENV)/.release: $(VENV)
 	@if command -v uv >/dev/null 2>&1; then \
 		uv pip install --quiet --python $(BIN)/python -e '.[$*]'; \
 	else \
-		$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[$*]'; \
+		$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -e '.[$*]'; \
 	fi
 	@touch $@
 
