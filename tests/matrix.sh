@@ -13,7 +13,7 @@ for version in ${VERSIONS:-3.11 3.12 3.13 3.14}; do
 		uv pip install --quiet --upgrade --python "$venv/bin/python" -e ".[$EXTRA]"
 	elif "python$version" -c "" 2>/dev/null; then  # a shim of pyenv may be there without its Python
 		test -x "$venv/bin/python" || "python$version" -m venv "$venv"
-		"$venv/bin/python" -m pip install --quiet --disable-pip-version-check --upgrade -e ".[$EXTRA]"
+		"$venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-compile --upgrade -e ".[$EXTRA]"
 	else
 		missing+=("$version")
 		continue
