@@ -50,6 +50,7 @@ FLOORS = [
         "step_guard",
         "certificate",
         "consistency",
+        "contradiction",
         "certification",
         "identity",
         "judge",

@@ -8,20 +8,18 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Integer
+from jaxtyping import Array, Bool, Float
 
 from .arguments import check_leading_axis, check_tau
 from .blocks import BATCHES, padded_batch
-from .certificate import Certificate, RequirementVerdict
+from .certificate import Certificate, GenerationRecord, RequirementVerdict
+from .contradiction import contradictions
 from .divergence import END_OF_SCALE, finite
 from .generation import Generation, check_one_sample
 from .guidance import AbstractRequirement, DecoupledGuidance
-from .identity import requirement_numbers
 from .judge import PRECISION, Judged, follow, judge_many
-from .recording import agent_names, foreign_record, not_a_number, record, verdicts_of
+from .recording import agent_names, foreign_record, not_a_number, records, verdicts_of
 from .trace import Summary, Trace
-
-SAME = 1e-3  # relative to the larger of values and limits: difference of two float32 programs
 
 
 class Trajectory(NamedTuple):
@@ -140,7 +138,7 @@ def verdicts(
     judgement = _judge(guidance, state, state, alone, present, np.dtype(np.float64))
     judgement = jax.tree.map(lambda leaf: leaf[0], judgement)
     _check_leaks(judgement, guidance.names)
-    return verdicts_of(judgement.margins, guidance, agents)
+    return verdicts_of(judgement.margins, guidance.names, guidance.margin_names(), agents)
 
 
 def as_guidance(
@@ -182,16 +180,8 @@ def _certify_generations(
     _check_ends(samples.summary)
     kind = samples.summary.z0.dtype
     judgement = _judge(guidance, samples.summary.z0, samples.z, condition, mask, kind)
-    numbers = requirement_numbers(guidance.requirements)
-    out = []
-    for k in range(len(samples.z)):
-        one, verdict = jax.tree.map(lambda leaf, k=k: leaf[k], (samples, judgement))
-        present = None if mask is None else mask[k]
-        other = _contradiction(one, verdict, guidance, numbers)
-        out.append(
-            _certificate(one, verdict, guidance, present, agents, draws[k], keep_trace, other)
-        )
-    return out
+    why = contradictions(samples, judgement, guidance)
+    return _certificates(samples, judgement, guidance, mask, agents, draws, keep_trace, why)
 
 
 def _judge(
@@ -244,8 +234,9 @@ def _check_ends(summary: Summary) -> None:
 
 
 def _check_leaks(judgement: Judged, names: Sequence[str]) -> None:
+    """Args: judgement: of one sample or of several."""
     if judgement.leaks.any():
-        name = names[int(np.argmax(judgement.leaks))]
+        name = names[int(np.argmax(judgement.leaks)) % len(names)]
         raise ValueError(
             f"the verdict of {name!r} changes with the states of absent agents: leave them out of its function, by a mask "
             "in the condition (`distances(z, mask)` does)."
@@ -273,12 +264,17 @@ def _certify_trajectory(
     with jax.enable_x64(True):
         path_record = follow(guidance, tau, z, eps, precision, exact, present)
     ends = z[:1], z[-1:], alone, None if present is None else present[None], z.dtype
-    judgement = jax.tree.map(lambda leaf: leaf[0], _judge(guidance, *ends))
-    summary, trace = jax.tree.map(np.asarray, (path_record.summary, path_record.trace))
-    tables: Any = (tau, *trace)
-    end: Any = z[-1]
-    sample = Generation(end, summary, Trace(*tables), None)
-    return _certificate(sample, judgement, guidance, present, agents, draws, keep_trace, None)
+    judgement = _judge(guidance, *ends)
+    summary, trace = jax.tree.map(
+        lambda leaf: np.asarray(leaf)[None], (path_record.summary, path_record.trace)
+    )
+    tables: Any = (tau[None], *trace)
+    end: Any = z[-1:]
+    samples = Generation(end, summary, Trace(*tables), None)
+    (certificate,) = _certificates(
+        samples, judgement, guidance, ends[3], agents, [draws], keep_trace, [None]
+    )
+    return certificate
 
 
 def _checked_trajectory(
@@ -298,97 +294,81 @@ def _checked_trajectory(
     return tau, z
 
 
-def _certificate(
-    sample: Generation,
+def _certificates(
+    samples: Generation,
     judgement: Judged,
     guidance: DecoupledGuidance,
-    present: Bool[np.ndarray, " agents"] | None,
+    mask: Bool[np.ndarray, "samples agents"] | None,
     agents: Sequence[str] | None,
-    draws: int,
+    draws: Sequence[int],
     keep_trace: bool,
-    other: str | None,
-) -> Certificate:
-    """One sample's certificate from the requirements' verdicts, numpy arrays.
+    why: Sequence[str | None],
+) -> list[Certificate]:
+    """Certificates from the requirements' verdicts, numpy arrays with a leading axis of samples.
 
-    `other`: how its generation contradicts the requirements, in which case nothing is known of the hypotheses.
+    `why`: how each generation contradicts the requirements, in which case nothing is known of the hypotheses.
     """
-    names, summary = guidance.names, sample.summary
+    names, labels = guidance.names, guidance.margin_names()
     _check_leaks(judgement, names)
-    verdicts = verdicts_of(judgement.margins, guidance, agents)
-    diverged = np.asarray(~np.isfinite(sample.z).all(axis=-1))
-    if present is not None:
-        diverged &= present
-    nominal = not summary.value.shape[-1]
-    generation = None
-    if not nominal:
-        if other is None:
-            excess = np.maximum(summary.excess, judgement.value - judgement.limit)
-            excess = np.where(np.isnan(excess), np.inf, excess)
-            exact: Any = {"value": judgement.value, "limit": judgement.limit, "excess": excess}
-            whole = summary._replace(**exact)
-            generation = record(whole, names, agents, sample.trace if keep_trace else None)
-        else:
-            generation = foreign_record(summary, other)
-    reason = next(
-        (each.reason for each in sorted(verdicts, key=lambda each: each.margin) if each.reason),
-        None,
-    )
-    least = min(each.margin for each in verdicts)
-    labels = agent_names(agents, len(diverged))
-    if diverged.any():
-        # Margins of states that are not finite mean nothing: an agent at infinity is far from every obstacle.
-        least, reason = -END_OF_SCALE, f"z is not finite at {labels[int(diverged.argmax())]}"
-        if generation is not None and generation.hypotheses_hold:
-            generation = replace(generation, hypotheses_hold=False, first_failure=reason)
-    if reason is not None and bool(summary.not_a_number):
-        rows = names if not nominal else ()
-        reason = f"{reason}; {not_a_number(summary.nan, rows, labels)}"
-    violation = sum(
-        value if np.ndim(margin) else max(-margin, 0.0)
-        for value, margin in zip(judgement.value, judgement.margins, strict=True)
-    )
-    return Certificate(
-        reason is None, least, finite(violation), draws, reason, generation, verdicts
-    )
+    made = _records(samples, judgement, names, agents, keep_trace, why)
+    lost = np.asarray(~np.isfinite(samples.z).all(axis=-1))
+    if mask is not None:
+        lost &= mask
+    undefined = np.asarray(samples.summary.not_a_number)
+    violations = _violations(judgement)
+    certificates = []
+    for k, record in enumerate(made):
+        verdicts = verdicts_of([each[k] for each in judgement.margins], names, labels, agents)
+        missed = [each for each in verdicts if each.reason]
+        reason = min(missed, key=lambda each: each.margin).reason if missed else None
+        least = min(each.margin for each in verdicts)
+        if lost[k].any():
+            # Margins of states that are not finite mean nothing: an agent at infinity is far from every obstacle.
+            who = agent_names(agents, lost.shape[1])[int(lost[k].argmax())]
+            least, reason = -END_OF_SCALE, f"z is not finite at {who}"
+            if record is not None and record.hypotheses_hold:
+                record = replace(record, hypotheses_hold=False, first_failure=reason)
+        if reason is not None and undefined[k]:
+            nan = jax.tree.map(lambda leaf, k=k: leaf[k], samples.summary.nan)
+            rows = () if record is None else names
+            reason = f"{reason}; {not_a_number(nan, rows, agent_names(agents, lost.shape[1]))}"
+        certificates.append(
+            Certificate(
+                reason is None, least, finite(violations[k]), draws[k], reason, record, verdicts
+            )
+        )
+    return certificates
 
 
-def _contradiction(
-    sample: Generation,
+def _records(
+    samples: Generation,
     judgement: Judged,
-    guidance: DecoupledGuidance,
-    numbers: Integer[np.ndarray, " requirements"],
-) -> str | None:
-    """How a generation's summary contradicts these requirements or the sample; None if it agrees."""
-    summary, names = sample.summary, guidance.names
-    if summary.value.shape != judgement.value.shape:
-        count = f"{summary.value.shape[-1]} requirements, here are {len(names)}"
-        return f"the sample was generated under other requirements: {count}"
-    if not np.array_equal(np.asarray(sample.z), np.asarray(summary.z), equal_nan=True):
-        return "z is not the end of its generation"
-    if not np.array_equal(summary.condition, judgement.condition):
-        return "the sample was generated under another condition"
-    stored = summary.requirements  # empty for a trajectory and for a user's own guidance
-    if len(stored) == len(guidance.requirements):
-        for one, other, each in zip(stored, numbers, guidance.requirements, strict=True):
-            if one != other and 0 not in (one, other):
-                return f"the sample was generated under other requirements: `{', '.join(each.names)}` is another"
-    ends: Any = (
-        (0, summary.z0, summary.first_value, judgement.first_value, summary.first_limit, judgement.first_limit),
-        (1, summary.z, summary.value, judgement.value, summary.limit, judgement.limit),
-    )  # fmt: skip
-    for tau, z, *of_both in ends:
-        scale = np.max([np.abs(np.nan_to_num(each)) for each in of_both], axis=0)
-        size = min(float(np.nan_to_num(np.abs(z)).max()), 1e12)
-        least = (1e-5 * size) ** 2  # V of rounded states that meet h = buffer
-        for what, was, here in (("value", *of_both[:2]), ("limit", *of_both[2:])):
-            # NaN and values beyond float32 are reported elsewhere.
-            with np.errstate(invalid="ignore", over="ignore"):
-                same = (np.abs(was - here) <= SAME * scale + least) | ~np.isfinite(was)
-            same |= ~np.isfinite(here) & bool(summary.not_a_number)
-            if not same.all():
-                row = int(np.argmin(same))
-                return (
-                    f"the sample was generated under other requirements: the {what} at tau = {tau} of {names[row]} "
-                    f"was {was[row]:.3g}, here it is {here[row]:.3g}"
-                )
-    return None
+    names: Sequence[str],
+    agents: Sequence[str] | None,
+    keep_trace: bool,
+    why: Sequence[str | None],
+) -> list[GenerationRecord | None]:
+    """What each generation reported, with the exact values at its end; None of a nominal one."""
+    summary, count = samples.summary, len(samples.z)
+    if not summary.value.shape[-1]:
+        return [None] * count
+    made: list[GenerationRecord | None] = [None] * count
+    if not all(why):
+        excess = np.maximum(summary.excess, judgement.value - judgement.limit)
+        excess = np.where(np.isnan(excess), np.inf, excess)
+        exact: Any = {"value": judgement.value, "limit": judgement.limit, "excess": excess}
+        trace = samples.trace if keep_trace else None
+        made = [*records(summary._replace(**exact), names, [agents] * count, trace)]
+    for k, text in enumerate(why):
+        if text is not None:
+            one = jax.tree.map(lambda leaf, k=k: leaf[k], summary)
+            made[k] = foreign_record(one, text)
+    return made
+
+
+def _violations(judgement: Judged) -> Float[np.ndarray, " samples"]:
+    """Of each sample: V where margins are agents', by how much values are beyond their bounds elsewhere."""
+    total = np.zeros(len(judgement.value))
+    for row, margins in enumerate(judgement.margins):
+        total += judgement.value[:, row] if margins.ndim > 1 else np.maximum(-margins, 0.0)
+    return total

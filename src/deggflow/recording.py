@@ -17,7 +17,7 @@ from .certificate import (
     count_points,
 )
 from .divergence import END_OF_SCALE, finite
-from .guidance import DecoupledGuidance, MarginLabel
+from .guidance import MarginLabel
 from .guidance.requirement import MarginNames
 from .trace import NotANumber, Summary, Trace
 
@@ -219,18 +219,24 @@ def foreign_record(summary: Summary, why: str) -> GenerationRecord:
 
 def verdicts_of(
     margins_of_rows: Sequence[Any],
-    guidance: DecoupledGuidance,
+    names: Sequence[str],
+    labels: Sequence[MarginNames | None],
     agents: Sequence[str] | None,
 ) -> tuple[RequirementVerdict, ...]:
-    """Of every requirement: its least margin, and who misses it."""
+    """Of every requirement: its least margin, and who misses it.
+
+    Args:
+        margins_of_rows: Of one sample.
+        names: Of the requirements, one per row.
+        labels: Names of each requirement's margins, as `DecoupledGuidance.margin_names` has them.
+        agents: What to call the agents; "agent 0", ... if None.
+    """
     out = []
-    for name, margins, labels in zip(
-        guidance.names, margins_of_rows, guidance.margin_names(), strict=True
-    ):
+    for name, margins, own in zip(names, margins_of_rows, labels, strict=True):
         if np.ndim(margins) == 0:
             out.append(_team_verdict(name, float(margins)))
         else:
-            out.append(_agents_verdict(name, np.asarray(margins), labels, agents))
+            out.append(_agents_verdict(name, np.asarray(margins), own, agents))
     return tuple(out)
 
 
