@@ -141,6 +141,9 @@ def main() -> int:
     parser.add_argument("--limit", type=float, default=60, help="seconds of each command")
     parser.add_argument("--only", nargs="*", default=[], help="names of pages")
     arguments, totals = parser.parse_args(), Counter[str]()
+    # A shell that runs this in the background has it ignore Ctrl-C, and so would every command.
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     for page in PAGES:
         if not arguments.only or page.name in arguments.only:
             run_page(page, arguments.limit, totals)

@@ -3,7 +3,6 @@
 import subprocess
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from itertools import chain
 from typing import IO, cast
 
@@ -66,14 +65,22 @@ def _run_encoder(
     command = [get_ffmpeg_exe(), "-y", "-loglevel", "error", *source, "-i", "-", *codec]
     command += ["-movflags", "+faststart", name]  # starts to play in a browser before all is loaded
     with tempfile.TemporaryFile() as complaints:
-        with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=complaints) as encoder:
+        # In a session of its own, as Ctrl-C in a terminal would end it before this process knows why.
+        with subprocess.Popen(
+            command, stdin=subprocess.PIPE, stderr=complaints, start_new_session=True
+        ) as encoder:
             pipe, last = cast(IO[bytes], encoder.stdin), first
-            with suppress(BrokenPipeError):  # an encoder that stopped has said why
+            try:
                 for last in chain([first], frames):
                     pipe.write(last.tobytes())
                 for _ in range(round(_HOLD * fps)):
                     pipe.write(last.tobytes())
                 pipe.close()
+            except BrokenPipeError:
+                pass  # an encoder that stopped has said why
+            except BaseException:
+                encoder.kill()
+                raise
         complaints.seek(0)
         if encoder.returncode:
             text = complaints.read().decode(errors="replace").strip()

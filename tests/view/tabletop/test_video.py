@@ -74,6 +74,32 @@ def test_a_failure_leaves_the_old_file_alone(trio, tmp_path):
     assert os.listdir(tmp_path) == ["scene.mp4"]
 
 
+IN_THE_BACKGROUND = """
+import os, signal
+import numpy as np
+from deggflow.view.video import write_frames
+
+def frames():
+    for k in range(20):
+        if k == 10:
+            os.killpg(0, signal.SIGINT)
+        yield np.full((32, 32, 3), k, np.uint8)
+
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+write_frames("film.mp4", frames(), 10)
+"""
+
+
+def test_ctrl_c_ends_no_video_of_a_command_that_ignores_it(tmp_path):
+    """As commands in the background of a shell do; the encoder would not, and it gets what the terminal sends, too."""
+    command = [sys.executable, "-c", IN_THE_BACKGROUND]
+    ended = subprocess.run(
+        command, cwd=tmp_path, capture_output=True, text=True, start_new_session=True
+    )
+    assert ended.returncode == 0, ended.stderr
+    assert os.listdir(tmp_path) == ["film.mp4"]
+
+
 @pytest.mark.parametrize(
     ("frames", "more"), [(0, {}), (2, {"taus": [0.0]}), (2, {"left_poses": [np.zeros((3, 3))]})]
 )
