@@ -83,7 +83,7 @@ def frames():
     for k in range(20):
         if k == 10:
             os.killpg(0, signal.SIGINT)
-        yield np.full((32, 32, 3), k, np.uint8)
+        yield np.full((240, 320, 3), k, np.uint8)  # more than a pipe holds: the encoder runs by now
 
 signal.signal(signal.SIGINT, signal.SIG_IGN)
 write_frames("film.mp4", frames(), 10)
