@@ -26,8 +26,10 @@ ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 BLOCK = re.compile(r"^```(sh|console|bash)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 HERE = ("sh", "console")  # bash: scripts of other machines
-# Set-up, machines and wheels of one's own, or the task of extending.md, which has a test of its own:
-ELSEWHERE = re.compile(r"^(make|pip|git|cd|deggflow drones) |10\.0\.0\.|\.local:|\.whl")
+# Set-up, machines, devices and wheels of one's own, or the task of extending.md, which has a test of its own:
+ELSEWHERE = re.compile(
+    r"^(make|pip|git|cd|deggflow drones) |10\.0\.0\.|\.local:|\.whl|--devices [2-9]"
+)
 COMMENT = re.compile(r"(^|\s+)#.*|\s+$")
 NUMBER = re.compile(r"--(count|cases|trials|hard|modes) ([0-9]+)")
 GRACE = 120  # s that an interrupted command may take to end on a busy machine
@@ -37,9 +39,10 @@ SCENES = "deggflow tabletop generate --size 8 --count 20 --out scenes.jsonl"
 TRIALS = "deggflow bridge generate --size 4 --count 2 --out trials.jsonl"
 DATA = "deggflow tabletop data --training 600 --validation 60 --out data"
 TABLES = "deggflow export data --out before"
+MEASURED = "python benchmarks/scale.py measure --chunks 1 --rounds 1 --out scale.json"
 READ = {
     "certify.md": (SCENES, TRIALS),
-    "scale.md": (TRIALS, DATA, f"{TABLES} && cp before/training.parquet big.parquet"),
+    "scale.md": (TRIALS, DATA, f"{TABLES} && cp before/training.parquet big.parquet", MEASURED),
 }  # fmt: skip
 
 
