@@ -184,11 +184,23 @@ def test_accepted_points_between_those_of_the_grid_are_in_the_record():
 
 def test_an_end_that_was_put_in_place_of_the_generations_is_not_held():
     sample = guided((APART,))
-    moved = sample._replace(z=sample.z + 2.0)
-    said = certify(moved, (APART,))
+    said = certify(sample._replace(z=sample.z + 2.0), (APART,))
     assert said.satisfied  # everybody moved alike
     assert not said.generation.hypotheses_hold
     assert said.generation.first_failure == "z is not the end of its generation"
+
+
+def test_only_those_of_a_batch_that_contradict_it_are_told():
+    sample = guided((APART,))
+    z = jnp.stack([sample.z, sample.z + 2.0, sample.z])
+    batch = jax.tree.map(lambda leaf: jnp.stack([leaf] * 3), sample)._replace(z=z)
+    said = [each.generation for each in certify_batch(batch, (APART,))]
+    assert [each.first_failure for each in said] == [
+        None,
+        "z is not the end of its generation",
+        None,
+    ]
+    assert said[0] == said[2] == certify(sample, (APART,)).generation
 
 
 def test_two_points_say_how_far_apart_they_are():

@@ -42,13 +42,8 @@ def contradictions(
     if summary.value.shape != judgement.value.shape:
         return [f"{other}: {summary.value.shape[-1]} requirements, here are {len(names)}"] * count
     found = _Found(count)
-    z, end = np.asarray(samples.z), np.asarray(summary.z)
-    same = (z == end) | (np.isnan(z) & np.isnan(end))
-    found.tell(~same.all(axis=(1, 2)), lambda k: "z is not the end of its generation")
-    if summary.condition.shape == judgement.condition.shape:
-        differs = np.any(np.not_equal(summary.condition, judgement.condition), axis=1)
-    else:
-        differs = np.ones(count, bool)
+    found.tell(_differ(samples.z, summary.z), lambda k: "z is not the end of its generation")
+    differs = _differ(summary.condition, judgement.condition)
     found.tell(differs, lambda k: "the sample was generated under another condition")
     stored = summary.requirements  # empty for a trajectory and for a user's own guidance
     if stored.shape[1] == len(guidance.requirements):
@@ -96,6 +91,16 @@ def _compare_ends(
                 )
 
             found.tell(~same.all(axis=1), differs)
+
+
+def _differ(some: Any, others: Any) -> Bool[np.ndarray, " samples"]:
+    """Which samples' arrays are not equal, NaN to NaN; all if their shapes differ."""
+    if np.shape(some) != np.shape(others):
+        return np.ones(len(some), bool)
+    same = np.equal(some, others)
+    if np.issubdtype(np.asarray(some).dtype, np.floating):
+        same |= np.isnan(some) & np.isnan(others)
+    return ~same.all(axis=tuple(range(1, same.ndim)))
 
 
 def _magnitude(values: Any) -> Float[np.ndarray, "..."]:

@@ -122,7 +122,8 @@ def test_absent_agents_change_nothing(name):
 def test_a_reason_names_margin_and_unit(name):
     case, out = CASES[name], evaluated(name)
     k = int(out.margins.min(axis=(1, 2)).argmin())
-    [verdict] = verdicts_of((out.margins[k],), DecoupledGuidance((case.requirement,)), None)
+    guidance = DecoupledGuidance((case.requirement,))
+    [verdict] = verdicts_of((out.margins[k],), guidance.names, guidance.margin_names(), None)
     assert verdict.margin == out.margins.min()
     assert verdict.reason.startswith("agent ")
     assert f" misses {case.requirement.name}" in verdict.reason
