@@ -51,7 +51,12 @@ class Ended(NamedTuple):
 
     how: str
     seconds: float
-    last: str = ""  # line of its output
+    output: str = ""
+
+    @property
+    def last(self) -> str:
+        """Line of its output."""
+        return self.output.strip().rpartition("\n")[2]
 
 
 def commands_of(page: Path, kinds: Container[str] = HERE) -> list[str]:
@@ -87,17 +92,17 @@ def run(command: str, folder: Path, limit: float) -> Ended:
                 return Ended("FAILED: does not end on Ctrl-C", time.monotonic() - begin)
         output.seek(0)
         text = output.read()
-    last = text.strip().splitlines()[-1] if text.strip() else ""
-    seconds, code = time.monotonic() - begin, process.returncode
-    script = stopped and command.startswith("python ") and last == "KeyboardInterrupt"
-    if "Traceback" in text and not script:
-        return Ended("FAILED: traceback", seconds, last)
-    if stopped:
-        return Ended("interrupted", seconds, last)
-    if code == 2 and "pip install" in text:
-        return Ended("needs an extra", seconds, last)
+    code = process.returncode
     good = {0: "finished", 3: "finished, not all satisfied"}
-    return Ended(good.get(code, f"FAILED: exit code {code}"), seconds, last)
+    ended = Ended(good.get(code, f"FAILED: exit code {code}"), time.monotonic() - begin, text)
+    script = stopped and command.startswith("python ") and ended.last == "KeyboardInterrupt"
+    if "Traceback" in text and not script:
+        return ended._replace(how="FAILED: traceback")
+    if stopped:
+        return ended._replace(how="interrupted")
+    if code == 2 and "pip install" in text:
+        return ended._replace(how="needs an extra")
+    return ended
 
 
 def _few(option: re.Match[str]) -> str:

@@ -55,7 +55,7 @@ def formulations():
         "two factors, +-g": SharedRequirements(
             tuple(SharedFactor(signed(s), bound, name=f"{s:+d} g") for s in (1, -1))
         ),
-        "one factor, |g|": SharedRequirements(
+        r"one factor, \|g\|": SharedRequirements(
             (SharedFactor(lambda tau, z, c: jnp.abs(ring(z, c)[0, 0]), bound, buffer=TOLERANCE / 2),)
         ),
     }  # fmt: skip

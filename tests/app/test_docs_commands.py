@@ -7,6 +7,7 @@ import shlex
 from pathlib import Path
 
 import docs_commands
+import docs_figures
 import pytest
 from tyro.extras import SubcommandApp
 
@@ -114,3 +115,44 @@ def test_what_does_not_exist_is_refused(arguments, parsed, capsys):
     assert end.value.code == 2
     assert not parsed
     assert "Required options" not in "".join(capsys.readouterr())
+
+
+PRINTED = """
+Success, 20 cases per row
+┏━━━┳━━━━━━━━━━━━━━━━━━━━━━┳━━━━━━━━━━┳━━━━━━━━┓
+┃ N ┃ guided               ┃ refuted  ┃ time   ┃
+┡━━━╇━━━━━━━━━━━━━━━━━━━━━━╇━━━━━━━━━━╇━━━━━━━━┩
+│ 4 │ 100.0% [83.9, 100.0] │ 0        │ 3.1 ms │
+│ 5 │ 95.0% [76.4, 99.1]   │ 1        │ 3.5 ms │
+└───┴──────────────────────┴──────────┴────────┘
+refuted: claims that are false
+
+| way | least |
+|---|---|
+| ours | -0.1 |
+"""
+
+
+@pytest.mark.parametrize(
+    ("page", "missing"),
+    [
+        ("| N | guided | time |\n|---|---|---|\n| 4 | **100.0%** [83.9, 100.0] | 9.9 ms |\n", []),
+        ("| N | guided |\n|--:|:-:|\n| 5 | 95.0% [76.4, 99.1] |\n| 4 | 1 |\n\n", [("4", "1")]),
+        ("| N | refuted |\n|---|---|\n| 4 | 1 |\n", [("4", "1")]),
+        ("| way | least |\n|---|---|\n| `Ours` | -0.1 |\n| ours | -0.2 |", [("ours", "-0.2")]),
+    ],
+    ids=["a time", "another figure", "of another row", "markdown"],
+)
+def test_rows_of_a_page_are_sought_among_those_printed(page, missing):
+    printed = [*docs_figures.tables_of(PRINTED, "command")]
+    assert [len(table.rows) for table in printed] == [2, 1]
+    (table,) = docs_figures.tables_of(page, "page")
+    assert docs_figures.missing_of(table, printed) == missing
+    assert docs_figures.is_printed(table, printed, missing)
+
+
+def test_a_table_that_nothing_prints_is_told_from_one_with_other_figures():
+    printed = [*docs_figures.tables_of(PRINTED, "command")]
+    (table,) = docs_figures.tables_of("| word | meaning |\n|---|---|\n| a \\| b | c |\n", "page")
+    assert table.rows == [("a | b", "c")]
+    assert not docs_figures.is_printed(table, printed, table.rows)

@@ -1,0 +1,135 @@
+"""Runs the commands of pages to their ends, and looks for the rows of the pages' tables among those that they print.
+
+A row of a page may leave out cells of the printed one. Columns that are times, or ratios of times, differ from run to
+run and are not compared. Tables that no command prints are listed, too: definitions, figures of others, or other commands.
+
+Run: python benchmarks/docs_figures.py results.md bridge.md, in the environment of `make test`; hours for all pages
+"""
+
+import argparse
+import csv
+import re
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from docs_commands import ELSEWHERE, PAGES, READ, commands_of, run, write_requested
+
+EDGES = "│┃|"  # between the cells of tables drawn with lines, and of Markdown
+RULES = ("┏", "┡", "├", "└", "|-", "|:")
+TIME = re.compile(r"\b(times?|ratio|rounds|core-hours|ms)\b")
+SCRIPT = re.compile(r"`(python\s+benchmarks/[^`]+)`")  # within the text
+HOURS = 4 * 3600  # s that a command may take
+Row = tuple[str, ...]
+
+
+class Table(NamedTuple):
+    """A table, its cells in lower case and without markup.
+
+    Attributes:
+        where: Line of a page, or what printed it.
+        header: Names of the columns.
+        rows: Cells of each.
+    """
+
+    where: str
+    header: Row
+    rows: list[Row]
+
+
+def _cells(line: str) -> Row:
+    parts = re.split(rf"(?<!\\)[{EDGES}]", line.strip().strip(EDGES))
+    return tuple(re.sub(r"[`*\\]", "", part).strip().lower() for part in parts)
+
+
+def tables_of(text: str, name: str) -> Iterator[Table]:
+    """The tables of a page, or of what a command printed."""
+    table: Table | None = None
+    for number, line in enumerate((*text.splitlines(), ""), 1):
+        if line.strip().startswith(RULES):
+            continue
+        if not line.strip().startswith(tuple(EDGES)):
+            if table is not None:
+                yield table
+            table = None
+        elif table is None:
+            table = Table(f"{name}, line {number}", _cells(line), [])
+        else:
+            table.rows.append(_cells(line))
+
+
+def files_of(folder: Path) -> Iterator[Table]:
+    """The tables that a report left in the folder."""
+    for path in sorted(folder.glob("**/tables/*.csv")):
+        with path.open(newline="") as file:
+            header, *rows = (tuple(cell.lower() for cell in row) for row in csv.reader(file))
+        yield Table(path.name, header, rows)
+
+
+def missing_of(wanted: Table, printed: Sequence[Table]) -> list[Row]:
+    """The rows of a table of which no printed row has all cells, times left out."""
+    there = [set(row) for table in printed for row in table.rows]
+    timed = [bool(TIME.search(name)) for name in wanted.header]
+
+    def is_there(row: Row) -> bool:
+        cells = {cell for cell, time in zip(row, timed, strict=True) if not time}
+        return any(cells <= others for others in there)
+
+    return [row for row in wanted.rows if not is_there(row)]
+
+
+def is_printed(wanted: Table, printed: Sequence[Table], missing: Sequence[Row]) -> bool:
+    """Whether a command prints this table, if with other figures: most of its columns, or some of its rows."""
+    names = set(wanted.header)
+    alike = any(2 * len(names & set(table.header)) > len(names) for table in printed)
+    return alike or len(missing) < len(wanted.rows)
+
+
+def check_page(page: Path, chosen: re.Pattern[str]) -> bool:
+    """Runs a page's commands in order, those chosen, and compares its tables; whether figures differ."""
+    text = page.read_text()
+    scripts = [" ".join(script.split()) for script in SCRIPT.findall(text)]
+    with tempfile.TemporaryDirectory() as name:
+        folder, printed = Path(name), list[Table]()
+        for command in READ.get(page.name, ()):
+            run(command, folder, 600)
+        for command in dict.fromkeys([*commands_of(page), *scripts]):
+            if ELSEWHERE.search(command) or not chosen.search(command):
+                continue
+            write_requested(command, folder)
+            ended = run(f"COLUMNS=400 {command}", folder, HOURS)
+            print(f"{page.name}: {command}: {ended.how} ({ended.seconds:.0f} s)", flush=True)
+            printed += [*tables_of(ended.output, command), *files_of(folder)]
+    differ = False
+    for table in tables_of(text, page.name):
+        missing = missing_of(table, printed)
+        if not is_printed(table, printed, missing):
+            print(f"{table.where}: not printed by these commands: {' | '.join(table.header)}")
+            continue
+        print(f"{table.where}: {len(table.rows) - len(missing)} of {len(table.rows)} rows printed")
+        for row in missing:
+            print(f"    not printed: {' | '.join(row)}")
+        differ |= bool(missing)
+    return differ
+
+
+def main() -> int:
+    """Checks the pages; exit code 1 if figures differ."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("pages", nargs="*", help="names of pages, such as results.md; all if none")
+    parser.add_argument(
+        "--commands",
+        type=re.compile,
+        default=re.compile(""),
+        help="run only those that this matches",
+    )
+    arguments = parser.parse_args()
+    pages = [page for page in PAGES if not arguments.pages or page.name in arguments.pages]
+    differ = [check_page(page, arguments.commands) for page in pages]
+    return 1 if any(differ) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
