@@ -1,6 +1,5 @@
-"""Distances by trying all permutations, bounds by quadrature and along trajectories, norms by dense Jacobians."""
+"""What guidance adds along coupled samples, against the theorem's bounds; norms by dense Jacobians, decoders by their matrices."""
 
-from itertools import permutations
 from typing import NamedTuple
 
 import equinox as eqx
@@ -8,8 +7,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.integrate import quad
-from scipy.stats import t
 
 from deggflow import (
     HEUN,
@@ -21,17 +18,13 @@ from deggflow import (
     refined_grid,
 )
 from deggflow.deviation import (
-    assignment,
     bounds,
     couple,
     decoder_lipschitz,
     growth,
-    log_bound,
-    measure,
     squared_distances,
     wasserstein,
 )
-from deggflow.deviation.bound import log_held_bound, log_secant_bound
 from deggflow.guidance import AbstractGuidance
 from deggflow.tasks.bridge.codec import decode, spline_matrix, team_shares
 from deggflow.tasks.bridge.condition import BridgeCondition, Scales
@@ -40,238 +33,6 @@ from deggflow.tasks.bridge.motion import contact_velocity
 AGENTS, DIM, BUFFER = 3, 2, 0.05
 SIZE = AGENTS * DIM
 MANY = 40  # steps of power iteration after which it has converged
-
-
-def matrices(nominal, guided):
-    pairs = (nominal, guided), (nominal, nominal), (guided, guided)
-    return [squared_distances(a, b) for a, b in pairs]
-
-
-def best_of_all(cross):
-    """Least mean of squared distances over all permutations, and where it is reached."""
-    rows = np.arange(len(cross))
-    return min((cross[rows, list(p)].mean(), p) for p in permutations(rows))
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_the_assignment_is_the_best_of_all_permutations(seed):
-    rng = np.random.default_rng(seed)
-    nominal, guided = rng.normal(size=(2, 6, AGENTS, DIM))
-    cross, near, far = matrices(nominal, guided)
-    for m in range(6):
-        for n in range(6):
-            assert cross[m, n] == pytest.approx(np.sum((nominal[m] - guided[n]) ** 2))
-    least, where = best_of_all(cross)
-    assert tuple(assignment(cross)) == where
-    found = measure(cross, near, far)
-    assert found.w2 == pytest.approx(np.sqrt(least)) == wasserstein(cross)
-    assert found.paired == pytest.approx(np.sqrt(np.mean((nominal - guided) ** 2) * SIZE))
-    assert found.identity == np.mean(np.array(where) == np.arange(6))
-
-
-def test_figures_worked_out_by_hand():
-    """Points 0, 1, 5 on a line; guidance takes 0 to 1 and 1 to 0, and 5 to 8."""
-    nominal, guided = (np.array(points).reshape(3, 1, 1) for points in ([0.0, 1, 5], [1.0, 0, 8]))
-    found = measure(*matrices(nominal, guided))
-    assert found.w2 == pytest.approx(np.sqrt(9 / 3))  # the first two exchange their partners
-    assert found.paired == pytest.approx(np.sqrt((1 + 1 + 9) / 3))
-    assert found.identity == pytest.approx(1 / 3)
-    assert found.spread == pytest.approx(np.sqrt((1 + 25 + 16) / 3))
-    assert found.ratio == pytest.approx(np.sqrt(9 / 42))
-    assert found.spread_ratio == pytest.approx(np.sqrt((1 + 64 + 49) / 42))
-
-
-def test_a_shift_is_its_own_distance(key):
-    nominal = np.random.default_rng(0).normal(size=(30, AGENTS, DIM))
-    found = measure(*matrices(nominal, nominal + 0.3))
-    assert found.w2 == pytest.approx(found.paired) == pytest.approx(0.3 * np.sqrt(SIZE))
-    assert found.identity == 1
-    np.testing.assert_allclose([found.spread_ratio, *found.spread_interval], 1.0)
-
-
-def test_too_few_samples_are_refused():
-    two = np.zeros((2, 2))
-    with pytest.raises(ValueError, match="at least 3"):
-        measure(two, two, two)
-
-
-def left_out(nominal, guided, m):
-    """Both ratios without pair m, assignment and all."""
-    cross, near, far = matrices(*(np.delete(each, m, axis=0) for each in (nominal, guided)))
-    return wasserstein(cross) / np.sqrt(near.sum()), np.sqrt(far.sum() / near.sum())
-
-
-def jackknife(estimate, values):
-    count = len(values)
-    error = np.sqrt((count - 1) / count * np.sum((values - np.mean(values)) ** 2))
-    reach = t(count - 1).ppf(0.975) * error / estimate
-    return estimate * np.exp(np.array([-reach, reach]))
-
-
-@pytest.mark.parametrize(("push", "always_own"), [(0.05, True), (1.5, False)])
-def test_intervals_leave_out_one_pair_after_the_other(push, always_own):
-    """Exactly where the assignment is the identity; else it is another one without a pair, and costs more."""
-    rng = np.random.default_rng(3)
-    nominal = rng.normal(size=(25, 2, 1))
-    guided = nominal + push * rng.normal(size=nominal.shape) * (0.2 + (nominal > 0))
-    found = measure(*matrices(nominal, guided))
-    assert (found.identity == 1) == always_own
-    ratio, spread_ratio = np.array([left_out(nominal, guided, m) for m in range(25)]).T
-    ratio *= np.sqrt(24 * 23)
-    np.testing.assert_allclose(found.spread_interval, jackknife(found.spread_ratio, spread_ratio))
-    written_out = jackknife(found.ratio, ratio)
-    np.testing.assert_allclose(found.ratio_interval, written_out, rtol=1e-9 if always_own else 0.1)
-
-
-def test_one_sample_that_moved_gives_a_wide_interval():
-    nominal = np.random.default_rng(0).normal(size=(20, 1, 3))
-    guided = nominal.copy()
-    found = measure(*matrices(nominal, guided))
-    assert (found.ratio, *found.ratio_interval) == (0.0, 0.0, 0.0)
-    guided[3] += 0.1
-    low, high = measure(*matrices(nominal, guided)).ratio_interval
-    assert high > 10 * low > 0
-
-
-@pytest.mark.parametrize(("size", "push"), [(8, 0.3), (2, 1.0)])
-def test_intervals_cover_the_expected_ratios(size, push):
-    """Far apart in eight dimensions each keeps its own; in two the assignment is another one every time."""
-    rng = np.random.default_rng(size)
-
-    def sample():
-        nominal = rng.normal(size=(40, 1, size))
-        return measure(*matrices(nominal, nominal + push * rng.normal(size=nominal.shape)))
-
-    others, found = [sample() for _ in range(600)], [sample() for _ in range(200)]
-    assert (np.mean([one.identity for one in found]) > 0.99) == (size == 8)
-    for value, interval in (("ratio", "ratio_interval"), ("spread_ratio", "spread_interval")):
-        expected = np.mean([getattr(one, value) for one in others])
-        low, high = np.array([getattr(one, interval) for one in found]).T
-        assert 0.9 <= np.mean((low <= expected) & (expected <= high)) <= 0.985
-
-
-def test_the_bound_is_the_integral():
-    """L(r) = 1 + 4 r and |Gamma(s)| = 1 + sin(5 s), on a grid and by adaptive quadrature."""
-    tau = np.linspace(0.0, 1.0, 2001)
-    lipschitz, correction = 1 + 4 * tau, 1 + np.sin(5 * tau)
-    exact, _ = quad(lambda s: np.exp(3 - s - 2 * s**2) * (1 + np.sin(5 * s)), 0, 1)
-    assert log_bound(tau, correction, lipschitz) == pytest.approx(np.log(exact), abs=1e-6)
-    assert log_held_bound(tau, correction, lipschitz) == pytest.approx(np.log(exact), abs=5e-3)
-
-
-def test_the_held_bound_is_the_recursion():
-    rng = np.random.default_rng(0)
-    tau = np.sort(np.append(rng.uniform(size=20), [0.0, 1.0]))
-    correction, lipschitz = rng.uniform(0, 3, size=(2, 4, 22))
-    gap = np.zeros(4)
-    for k, step in enumerate(np.diff(tau)):
-        gap = (1 + step * lipschitz[:, k]) * gap + step * correction[:, k]
-    np.testing.assert_allclose(log_held_bound(tau, correction, lipschitz), np.log(gap))
-
-
-class Part(NamedTuple):
-    """What nominal and guided Euler samples of one field leave behind, step by step."""
-
-    gap: np.ndarray  # (samples,): |Delta(1)|
-    correction: np.ndarray  # (samples, points): |Gamma|
-    secant: np.ndarray
-    quotient: np.ndarray
-
-
-def euler_pairs(field, tau, start, push):
-    """Nominal and guided samples by Euler's scheme in float64; pushes point where they like."""
-    y, z, found = start.copy(), start.copy(), []
-    for k, step in enumerate(np.diff(tau)):
-        parted, gap = field(tau[k], z) - field(tau[k], y), z - y
-        square = np.sum(gap**2, axis=-1)
-        safe = np.where(
-            square > 0, square, 1.0
-        )  # at first the two are one, and grow by the push alone
-        found.append(
-            (
-                np.linalg.norm(push[:, k], axis=-1),
-                np.sum(gap * parted, axis=-1) / safe,
-                np.linalg.norm(parted, axis=-1) / np.sqrt(safe),
-            )
-        )
-        y, z = y + step * field(tau[k], y), z + step * (field(tau[k], z) + push[:, k])
-    correction, secant, quotient = np.array([*found, found[-1]]).transpose(1, 2, 0)
-    return Part(np.linalg.norm(z - y, axis=-1), correction, secant, quotient)
-
-
-def turning(rate, damping=0.0):
-    matrix = np.array([[-damping, -rate], [rate, -damping]])
-    return lambda tau, x: x @ matrix.T
-
-
-def stiff(tau, x):
-    """Relaxes onto a moving curve so fast that every Euler step of 1/50 overshoots."""
-    return np.stack(
-        [1.5 * np.sin(x[:, 1]), -130.0 * (x[:, 1] - np.cos(3 * tau + x[:, 0]))], axis=-1
-    )
-
-
-def random_network(seed):
-    rng = np.random.default_rng(seed)
-    inner, outer = rng.normal(size=(9, 2)) * 2, rng.normal(size=(2, 9)) * 2
-    return lambda tau, x: np.tanh(x @ inner.T + 4 * tau) @ outer.T
-
-
-FIELDS = {
-    "turning": turning(20.0),
-    "spiral": turning(20.0, damping=3.0),
-    "stiff": stiff,
-    **{f"network {seed}": random_network(seed) for seed in range(6)},
-}
-
-
-@pytest.mark.parametrize("name", FIELDS)
-@pytest.mark.parametrize("power", [1.0, 2.0])
-def test_the_secant_bound_bounds_euler_samples(name, power):
-    """|Delta(1)| of 50 Euler steps, sample by sample, and never more than the quotients alone would allow."""
-    rng = np.random.default_rng(7)
-    tau = 1 - (1 - np.linspace(0.0, 1.0, 51)) ** power
-    start, push = rng.normal(size=(40, 2)), rng.normal(size=(40, 50, 2))
-    push *= (rng.uniform(size=(40, 50)) < 0.2)[..., None]  # now and then
-    made = euler_pairs(FIELDS[name], tau, start, push)
-    log = log_secant_bound(tau, made.correction, made.secant, made.quotient)
-    assert np.all(np.log(made.gap) <= log + 1e-9)
-    assert np.all(log <= log_held_bound(tau, made.correction, made.quotient) + 1e-9)
-
-
-@pytest.mark.parametrize("name", ["turning", "stiff"])
-def test_the_integral_of_secants_does_not_bound_euler_samples(name):
-    """One push in the first step, then 49 steps: exp(int m) forgets that each of them stretches the gap."""
-    tau, push = np.linspace(0.0, 1.0, 51), np.zeros((1, 50, 2))
-    push[0, 0] = 1.0, 0.3
-    made = euler_pairs(FIELDS[name], tau, np.array([[0.4, -0.2]]), push)
-    first = made.correction[:, 0] / 50
-    held = first * np.exp(np.sum(made.secant[:, 1:50], axis=-1) / 50)
-    integral = np.exp(log_bound(tau, made.correction, made.secant))
-    assert made.gap > 30 * np.maximum(held, integral)
-    if name == "turning":  # sqrt(1 + h^2 q^2) in every step
-        assert made.gap / first == pytest.approx((1 + 0.4**2) ** (49 / 2))
-        assert made.gap / first == pytest.approx(38, abs=0.1)
-    # One push at the start has one direction: the recursion is exact.
-    log = log_secant_bound(tau, made.correction, made.secant, made.quotient)
-    np.testing.assert_allclose(log, np.log(made.gap), atol=1e-9)
-
-
-def test_a_step_that_brings_two_samples_together_leaves_what_is_pushed_after():
-    """f = -x / h in the second of three steps."""
-    tau, correction = np.linspace(0.0, 1.0, 4), np.array([5.0, 2.0, 1.0, 9.0])
-    rate = np.array([0.0, -3.0, 0.0, 0.0])
-    found = log_secant_bound(tau, correction, rate, np.abs(rate))
-    assert np.exp(found) == pytest.approx((2.0 + 1.0) / 3)
-    assert log_secant_bound(tau, np.array([5.0, 0, 0, 0]), rate, np.abs(rate)) == -np.inf
-
-
-def test_bounds_beyond_any_float_have_a_logarithm():
-    tau = np.linspace(0.0, 1.0, 101)
-    steep = np.full(101, 1e4)
-    only_first = np.eye(101)[0]
-    assert log_bound(tau, only_first, steep) == pytest.approx(1e4 + np.log(0.005))
-    assert log_bound(tau, np.zeros(101), steep) == -np.inf
 
 
 class Pushing(AbstractGuidance):
