@@ -247,18 +247,8 @@ def bridge_kinds(home: Path) -> list[Kind]:
         "contacts": [[-2.4, 0.36], [-2.4, -0.36], [-1.0, 0.36]],
     }
     conditions.write_text(json.dumps(start) + "\n")
-    command(
-        "bridge",
-        "generate",
-        "--conditions",
-        conditions,
-        "--speed-limit",
-        0.3,
-        "--seed",
-        5,
-        "--out",
-        trials,
-    )
+    options = ("--speed-limit", 0.3, "--seed", 5)
+    command("bridge", "generate", "--conditions", conditions, *options, "--out", trials)
     command("bridge", "data", "--out", data, "--training", 1, "--validation", 1)
     demonstrations = data / "training.jsonl"
     weights = home / "bridge.safetensors"

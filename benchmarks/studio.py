@@ -18,7 +18,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import urlsplit
@@ -53,7 +53,7 @@ STOPWATCH = """([picture, moving]) => {
 
 
 class Served(NamedTuple):
-    """A studio under way.
+    """A page that is served.
 
     Attributes:
         address: Of its page.
@@ -72,16 +72,21 @@ class Served(NamedTuple):
 
 
 @contextmanager
-def studio(port: int = 0) -> Iterator[Served]:
-    """A studio, started as a user starts it, at any free port or a given one."""
-    command = [sys.executable, "-m", "deggflow.app.start", "studio", "--no-browser", "--port"]
-    process = subprocess.Popen([*command, str(port)], stdout=subprocess.PIPE, text=True)
+def serving(*arguments: str) -> Iterator[Served]:
+    """A Python process that prints the address of its page, and opens no browser."""
+    command, environment = [sys.executable, *arguments], {**os.environ, "BROWSER": "true"}
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
     try:
         assert process.stdout is not None
         yield Served(process.stdout.readline().strip(), process.pid)
     finally:
         process.terminate()
         process.wait()
+
+
+def studio(port: int = 0) -> AbstractContextManager[Served]:
+    """A studio, started as a user starts it, at any free port or a given one."""
+    return serving("-m", "deggflow.app.start", "studio", "--no-browser", "--port", str(port))
 
 
 @contextmanager
@@ -318,7 +323,7 @@ def screenshots(browser: Browser, address: str, out: Path) -> None:
                 ("studio", lambda page: picture_scene(page, address)),
                 ("studio_solid", lambda page: picture_solid(page, address)),
                 ("studio_bridge", lambda page: picture_trial(page, address)),
-                ("studio_show", lambda page: picture_sample(page, sample)),
+                ("studio_show", lambda page: picture_sample(page, sample.address)),
             ):
                 page = browser.new_page(viewport=view, color_scheme=scheme)
                 picture(page)
@@ -365,20 +370,11 @@ def picture_sample(page: Page, address: str) -> None:
     page.evaluate("scrollTo(0, 0)")
 
 
-@contextmanager
-def shown() -> Iterator[str]:
-    """The address of the example of docs/studio.md, run as a script."""
+def shown() -> AbstractContextManager[Served]:
+    """The example of docs/studio.md, run as a script."""
     text = (Path(__file__).parent.parent / "docs" / "studio.md").read_text()
     (script,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-    environment = {**os.environ, "BROWSER": "true"}
-    command = [sys.executable, "-c", script]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
-    try:
-        assert process.stdout is not None
-        yield process.stdout.readline().strip()
-    finally:
-        process.terminate()
-        process.wait()
+    return serving("-c", script)
 
 
 def main() -> None:
