@@ -1,7 +1,7 @@
 """Runs the commands of pages to their ends, and looks for the rows of the pages' tables among those that they print.
 
-A row of a page may leave out cells of the printed one. Columns that are times, or ratios of times, differ from run to
-run and are not compared. Tables that no command prints are listed, too: definitions, figures of others, or other commands.
+A row of a page may leave out cells of the printed one. Times, and columns of ratios of times, differ from run to run and
+are not compared. Tables that no command prints are listed, too: definitions, figures of others, or other commands.
 
 Run: python benchmarks/docs_figures.py results.md bridge.md, in the environment of `make test`; hours for all pages
 """
@@ -19,7 +19,8 @@ from docs_commands import ELSEWHERE, PAGES, READ, commands_of, run, write_reques
 
 EDGES = "│┃|"  # between the cells of tables drawn with lines, and of Markdown
 RULES = ("┏", "┡", "├", "└", "|-", "|:")
-TIME = re.compile(r"\b(times?|ratio|rounds|core-hours|ms)\b")
+TIMES = re.compile(r"\b(times?|ratio|rounds|core-hours|ms)\b")  # in the name of a column
+TIME = re.compile(r"\d (us|ms|s|min|h)\b")
 SCRIPT = re.compile(r"`(python\s+benchmarks/[^`]+)`")  # within the text
 HOURS = 4 * 3600  # s that a command may take
 Row = tuple[str, ...]
@@ -71,10 +72,11 @@ def files_of(folder: Path) -> Iterator[Table]:
 def missing_of(wanted: Table, printed: Sequence[Table]) -> list[Row]:
     """The rows of a table of which no printed row has all cells, times left out."""
     there = [set(row) for table in printed for row in table.rows]
-    timed = [bool(TIME.search(name)) for name in wanted.header]
+    timed = [bool(TIMES.search(name)) for name in wanted.header]
 
     def is_there(row: Row) -> bool:
-        cells = {cell for cell, time in zip(row, timed, strict=True) if not time}
+        named = [cell for cell, is_time in zip(row, timed, strict=True) if not is_time]
+        cells = {cell for cell in named if not TIME.search(cell)}
         return any(cells <= others for others in there)
 
     return [row for row in wanted.rows if not is_there(row)]
