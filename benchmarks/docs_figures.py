@@ -18,7 +18,7 @@ from typing import NamedTuple
 from docs_commands import ELSEWHERE, PAGES, READ, commands_of, run, write_requested
 
 EDGES = "│┃|"  # between the cells of tables drawn with lines, and of Markdown
-RULES = ("┏", "┡", "├", "└", "|-", "|:")
+RULE = re.compile(r"[┏┡├└].*|[|: -]+")
 TIMES = re.compile(r"\b(times?|ratio|rounds|core-hours|ms)\b")  # in the name of a column
 TIME = re.compile(r"\d (us|ms|s|min|h)\b")
 SCRIPT = re.compile(r"`(python\s+benchmarks/[^`]+)`")  # within the text
@@ -49,7 +49,7 @@ def tables_of(text: str, name: str) -> Iterator[Table]:
     """The tables of a page, or of what a command printed."""
     table: Table | None = None
     for number, line in enumerate((*text.splitlines(), ""), 1):
-        if line.strip().startswith(RULES):
+        if line.strip() and RULE.fullmatch(line.strip()):
             continue
         if not line.strip().startswith(tuple(EDGES)):
             if table is not None:
@@ -69,24 +69,31 @@ def files_of(folder: Path) -> Iterator[Table]:
         yield Table(path.name, header, rows)
 
 
+def figures_of(table: Table) -> list[Row]:
+    """The cells of each row, times left out; without rows of which only one is left."""
+    timed = [bool(TIMES.search(name)) for name in table.header]
+    rows = (
+        tuple(
+            cell
+            for cell, is_time in zip(row, timed, strict=True)
+            if not (is_time or TIME.search(cell))
+        )
+        for row in table.rows
+    )
+    return [row for row in rows if len(row) > 1]
+
+
 def missing_of(wanted: Table, printed: Sequence[Table]) -> list[Row]:
-    """The rows of a table of which no printed row has all cells, times left out."""
+    """The rows of a table, times left out, of which no printed row has all cells."""
     there = [set(row) for table in printed for row in table.rows]
-    timed = [bool(TIMES.search(name)) for name in wanted.header]
-
-    def is_there(row: Row) -> bool:
-        named = [cell for cell, is_time in zip(row, timed, strict=True) if not is_time]
-        cells = {cell for cell in named if not TIME.search(cell)}
-        return any(cells <= others for others in there)
-
-    return [row for row in wanted.rows if not is_there(row)]
+    return [row for row in figures_of(wanted) if not any(set(row) <= cells for cells in there)]
 
 
 def is_printed(wanted: Table, printed: Sequence[Table], missing: Sequence[Row]) -> bool:
     """Whether a command prints this table, if with other figures: most of its columns, or some of its rows."""
     names = set(wanted.header)
     alike = any(2 * len(names & set(table.header)) > len(names) for table in printed)
-    return alike or len(missing) < len(wanted.rows)
+    return alike or len(missing) < len(figures_of(wanted))
 
 
 def check_page(page: Path, chosen: re.Pattern[str]) -> bool:
@@ -110,7 +117,8 @@ def check_page(page: Path, chosen: re.Pattern[str]) -> bool:
         if not is_printed(table, printed, missing):
             print(f"{table.where}: not printed by these commands: {' | '.join(table.header)}")
             continue
-        print(f"{table.where}: {len(table.rows) - len(missing)} of {len(table.rows)} rows printed")
+        count = len(figures_of(table))
+        print(f"{table.where}: {count - len(missing)} of {count} rows printed")
         for row in missing:
             print(f"    not printed: {' | '.join(row)}")
         differ |= bool(missing)
