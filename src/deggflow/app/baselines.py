@@ -10,7 +10,7 @@ from deggflow.task import check_range
 from deggflow.task.options import MAX_COUNT, MAX_SEED
 
 from .engine import LOCAL, AnyEngine
-from .session import SATISFIED, output, prepare_jax
+from .session import SATISFIED, prepare_jax
 
 if TYPE_CHECKING:
     from deggflow.tasks.tabletop.baselines import Method
@@ -100,46 +100,34 @@ def _methods(names: tuple[str, ...]) -> "list[Method]":
 
 
 def _show(points: "list[Point]", cases: int, seed: int) -> None:
-    from rich.table import Table
-
+    from deggflow.task import Table
     from deggflow.tasks.tabletop.frontier import best, in_words
+
+    from .tables import show
 
     groups: dict[tuple[int, str], list[Point]] = {}
     for point in points:
         groups.setdefault((point.size, point.method), []).append(point)
     stars = [best(group) for group in groups.values()]
-    table = Table(
-        title=f"Tabletop: guidance methods, {cases} cases a row, seed {seed}, 95% Wilson intervals",
-        title_justify="left",
-    )
-    for heading in (
-        "N",
-        "method",
-        "setting",
-        "success",
-        "worst",
-        "diverged",
-        "W2",
-        "time",
-        "draws",
-    ):
-        table.add_column(heading, no_wrap=True)
-    for point in points:
-        table.add_row(
-            str(point.size),
+    rows = [
+        (
+            point.size,
             point.method,
-            in_words(point.hyperparameters)
-            + (" *" if any(point is star for star in stars) else ""),
-            str(point.rate()),
+            in_words(point.hyperparameters) + " *" * any(point is star for star in stars),
+            point.rate(),
             f"{1000 * point.worst:.1f} mm",
-            str(point.diverged),
+            point.diverged,
             "" if point.transport is None else f"{point.transport:.3f}",
             f"{1000 * point.seconds:.1f} ms",
             f"{point.draws:.2f}",
         )
-    output().print(table)
-    output().print(
+        for point in points
+    ]
+    headings = ("N", "method", "setting", "success", "worst", "diverged", "W2", "time", "draws")
+    title = f"Tabletop: guidance methods, {cases} cases a row, seed {seed}, 95% Wilson intervals"
+    note = (
         "worst: greatest violation of a margin; W2: Wasserstein distance to the nominal samples, in z, per object, by optimal "
         "assignment of all cases; time: per scene in batches, compiled; *: the best setting of a method, with the most successes, "
         "then the least W2."
     )
+    show(Table(title, headings, rows, note))
