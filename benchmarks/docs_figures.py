@@ -1,7 +1,8 @@
 """Runs the commands of pages to their ends, and looks for the rows of the pages' tables among those that they print.
 
-A row of a page may leave out cells of the printed one. Times, and columns of ratios of times, differ from run to run and
-are not compared. Tables that no command prints are listed, too: definitions, figures of others, or other commands.
+A row of a page may leave out cells of the printed one, and has the others in their order. Times, and columns of ratios of
+times, differ from run to run and are not compared. Tables that no command prints are listed, too: definitions, figures of
+others, or other commands.
 
 Run: python benchmarks/docs_figures.py results.md bridge.md, in the environment of `make test`; hours for all pages
 """
@@ -69,29 +70,38 @@ def files_of(folder: Path) -> Iterator[Table]:
         yield Table(path.name, header, rows)
 
 
+def columns_of(table: Table) -> list[int]:
+    """The columns that hold more than times."""
+    return [
+        place
+        for place, name in enumerate(table.header)
+        if not TIMES.search(name) and not all(TIME.search(row[place]) for row in table.rows)
+    ]
+
+
 def figures_of(table: Table) -> list[Row]:
     """The cells of each row, times left out; without rows of which only one is left."""
-    timed = [bool(TIMES.search(name)) for name in table.header]
+    columns = columns_of(table)
     rows = (
-        tuple(
-            cell
-            for cell, is_time in zip(row, timed, strict=True)
-            if not (is_time or TIME.search(cell))
-        )
-        for row in table.rows
+        tuple(row[place] for place in columns if not TIME.search(row[place])) for row in table.rows
     )
     return [row for row in rows if len(row) > 1]
 
 
 def missing_of(wanted: Table, printed: Sequence[Table]) -> list[Row]:
-    """The rows of a table, times left out, of which no printed row has all cells."""
-    there = [set(row) for table in printed for row in table.rows]
-    return [row for row in figures_of(wanted) if not any(set(row) <= cells for cells in there)]
+    """The rows of a table, times left out, that no printed row holds: all cells, in their order."""
+    there = [row for table in printed for row in table.rows]
+    return [row for row in figures_of(wanted) if not any(_holds(other, row) for other in there)]
+
+
+def _holds(row: Row, cells: Row) -> bool:
+    rest = iter(row)
+    return all(cell in rest for cell in cells)
 
 
 def is_printed(wanted: Table, printed: Sequence[Table], missing: Sequence[Row]) -> bool:
     """Whether a command prints this table, if with other figures: most of its columns, or some of its rows."""
-    names = set(wanted.header)
+    names = {wanted.header[place] for place in columns_of(wanted)}
     alike = any(2 * len(names & set(table.header)) > len(names) for table in printed)
     return alike or len(missing) < len(figures_of(wanted))
 

@@ -139,9 +139,13 @@ refuted: claims that are false
         ("| N | guided | time |\n|---|---|---|\n| 4 | **100.0%** [83.9, 100.0] | 9.9 ms |\n", []),
         ("| N | guided |\n|--:|:-:|\n| 5 | 95.0% [76.4, 99.1] |\n| 4 | 1 |\n\n", [("4", "1")]),
         ("| N | refuted |\n|---|---|\n| 4 | 1 |\n", [("4", "1")]),
+        (
+            "| N | a | b |\n|---|---|---|\n| 5 | 1 | 1 |\n| 5 | 95.0% [76.4, 99.1] | 1 |\n",
+            [("5", "1", "1")],
+        ),
         ("| way | least |\n|---|---|\n| `Ours` | -0.1 |\n| ours | -0.2 |", [("ours", "-0.2")]),
     ],
-    ids=["a time", "another figure", "of another row", "markdown"],
+    ids=["a time", "another figure", "of another row", "once more", "markdown"],
 )
 def test_rows_of_a_page_are_sought_among_those_printed(page, missing):
     printed = [*docs_figures.tables_of(PRINTED, "command")]
