@@ -80,12 +80,12 @@ def columns_of(table: Table) -> list[int]:
 
 
 def figures_of(table: Table) -> list[Row]:
-    """The cells of each row, times left out; without rows of which only one is left."""
+    """The cells of each row, times left out; without rows of which fewer than three are left, as many rows hold those."""
     columns = columns_of(table)
     rows = (
         tuple(row[place] for place in columns if not TIME.search(row[place])) for row in table.rows
     )
-    return [row for row in rows if len(row) > 1]
+    return [row for row in rows if len(row) > 2]
 
 
 def missing_of(wanted: Table, printed: Sequence[Table]) -> list[Row]:

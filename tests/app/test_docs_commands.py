@@ -127,36 +127,45 @@ Success, 20 cases per row
 └───┴──────────────────────┴──────────┴────────┘
 refuted: claims that are false
 
-| way | least |
-|---|---|
-| ours | -0.1 |
+| way | cases | least |
+|---|---|---|
+| ours | 20 | -0.1 |
 """
 
 
 @pytest.mark.parametrize(
     ("page", "missing"),
     [
-        ("| N | guided | time |\n|---|---|---|\n| 4 | **100.0%** [83.9, 100.0] | 9.9 ms |\n", []),
-        ("| N | guided |\n|--:|:-:|\n| 5 | 95.0% [76.4, 99.1] |\n| 4 | 1 |\n\n", [("4", "1")]),
-        ("| N | refuted |\n|---|---|\n| 4 | 1 |\n", [("4", "1")]),
-        (
-            "| N | a | b |\n|---|---|---|\n| 5 | 1 | 1 |\n| 5 | 95.0% [76.4, 99.1] | 1 |\n",
-            [("5", "1", "1")],
-        ),
-        ("| way | least |\n|---|---|\n| `Ours` | -0.1 |\n| ours | -0.2 |", [("ours", "-0.2")]),
+        ("| 4 | **100.0%** [83.9, 100.0] | 0 | 9.9 ms |", []),
+        ("| 5 | 95.0% [76.4, 99.1] | 0 | 3.5 ms |", [("5", "95.0% [76.4, 99.1]", "0")]),
+        ("| 4 | 95.0% [76.4, 99.1] | 1 | |", [("4", "95.0% [76.4, 99.1]", "1", "")]),
+        ("| 5 | 1 | 1 | 3.5 ms |", [("5", "1", "1")]),
+        ("| `Ours` | 20 | -0.1 | 1 s |\n| ours | 20 | -0.2 | 1 s |", [("ours", "20", "-0.2")]),
     ],
     ids=["a time", "another figure", "of another row", "once more", "markdown"],
 )
 def test_rows_of_a_page_are_sought_among_those_printed(page, missing):
     printed = [*docs_figures.tables_of(PRINTED, "command")]
     assert [len(table.rows) for table in printed] == [2, 1]
-    (table,) = docs_figures.tables_of(page, "page")
+    head = "| N | guided | refuted | least |\n|--:|:-:|---|---|\n"
+    (table,) = docs_figures.tables_of(f"text\n{head}{page}\n\ntext\n", "page")
     assert docs_figures.missing_of(table, printed) == missing
     assert docs_figures.is_printed(table, printed, missing)
 
 
 def test_a_table_that_nothing_prints_is_told_from_one_with_other_figures():
     printed = [*docs_figures.tables_of(PRINTED, "command")]
-    (table,) = docs_figures.tables_of("| word | meaning |\n|---|---|\n| a \\| b | c |\n", "page")
-    assert table.rows == [("a | b", "c")]
+    (table,) = docs_figures.tables_of(
+        "| word | its meaning | where |\n|---|---|---|\n| a \\| b | c | d |\n", "page"
+    )
+    assert table.rows == [("a | b", "c", "d")]
     assert not docs_figures.is_printed(table, printed, table.rows)
+
+
+def test_columns_of_times_are_not_compared():
+    printed = [*docs_figures.tables_of(PRINTED, "command")]
+    page = "| N | batch | guided | ratio |\n|---|---|---|---|\n| 4 | 1 | 2.0 ms | 1.4 |\n"
+    (table,) = docs_figures.tables_of(page, "page")
+    assert docs_figures.columns_of(table) == [0, 1]
+    assert docs_figures.figures_of(table) == []
+    assert not docs_figures.is_printed(table, printed, [])
