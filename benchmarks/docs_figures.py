@@ -107,21 +107,21 @@ def is_printed(wanted: Table, printed: Sequence[Table], missing: Sequence[Row]) 
 
 
 def check_page(page: Path, chosen: re.Pattern[str]) -> bool:
-    """Runs a page's commands in order, those chosen, and compares its tables; whether figures differ."""
+    """Runs a page's commands in order, those chosen, and compares its tables; whether figures differ or a command fails."""
     text = page.read_text()
     scripts = [" ".join(script.split()) for script in SCRIPT.findall(text)]
     with tempfile.TemporaryDirectory() as name:
-        folder, printed = Path(name), list[Table]()
+        folder, printed, differ = Path(name), list[Table](), False
         for command in READ.get(page.name, ()):
             run(command, folder, 600)
         for command in dict.fromkeys([*commands_of(page), *scripts]):
             if ELSEWHERE.search(command) or not chosen.search(command):
                 continue
             write_requested(command, folder)
-            ended = run(f"COLUMNS=400 {command}", folder, HOURS)
+            ended = run(command, folder, HOURS)
             print(f"{page.name}: {command}: {ended.how} ({ended.seconds:.0f} s)", flush=True)
+            differ |= ended.how.startswith("FAILED")
             printed += [*tables_of(ended.output, command), *files_of(folder)]
-    differ = False
     for table in tables_of(text, page.name):
         missing = missing_of(table, printed)
         if not is_printed(table, printed, missing):
@@ -136,7 +136,7 @@ def check_page(page: Path, chosen: re.Pattern[str]) -> bool:
 
 
 def main() -> int:
-    """Checks the pages; exit code 1 if figures differ."""
+    """Checks the pages; exit code 1 if figures differ or a command fails."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("pages", nargs="*", help="names of pages, such as results.md; all if none")
     parser.add_argument(

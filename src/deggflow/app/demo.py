@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 from .session import NOT_SATISFIED, SATISFIED, output, prepare_jax
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
+    from deggflow.task import Table
     from deggflow.tasks.tabletop.scene import Scene
 
 
@@ -37,11 +36,13 @@ def demo(out: Path = Path("demo"), count: int = 8, size: int = 8, seed: int = 0)
     from deggflow.tasks.tabletop.task import scene_generator
     from deggflow.view.tabletop.results import regenerate, write_pictures
 
+    from .tables import show
+
     generator = scene_generator(load_field())
     conditions = random_conditions(size, count, "changed", seed)
     nominal = TabletopGenerator(generator.field).scenes(conditions, seed=seed, max_draws=1)
     guided = generator.scenes(conditions, seed=seed)
-    output().print(_table(nominal, guided, size))
+    show(_table(nominal, guided, size))
     lines = [json.dumps(scene.to_json()) for scene in guided]
     write_atomically(out / "scenes.jsonl", "\n".join(lines) + "\n")
     for line, scene in enumerate(guided, start=1):
@@ -58,17 +59,11 @@ def demo(out: Path = Path("demo"), count: int = 8, size: int = 8, seed: int = 0)
 
 def _table(nominal: "Sequence[Scene]", guided: "Sequence[Scene]", size: int) -> "Table":
     """One row for each pair of scenes."""
-    from rich.table import Table
+    from deggflow.task import Table
 
-    table = Table(
-        title=f"{len(guided)} scenes of {size} objects under changed requirements, from the same z(0)",
-        title_justify="left",
-    )
-    for heading in ("scene", "nominal", "guided", "least margin", "draws", "certificate"):
-        table.add_column(heading)
-    for number, (before, after) in enumerate(zip(nominal, guided, strict=True), start=1):
+    def row(number: int, before: "Scene", after: "Scene") -> tuple[str, ...]:
         certificate = after.certificate
-        table.add_row(
+        return (
             str(number),
             before.certificate.reason or "all requirements hold",
             "all requirements hold" if certificate.satisfied else str(certificate.reason),
@@ -76,4 +71,9 @@ def _table(nominal: "Sequence[Scene]", guided: "Sequence[Scene]", size: int) -> 
             str(certificate.draws),
             "satisfied" if certificate.satisfied else "not satisfied",
         )
-    return table
+
+    return Table(
+        f"{len(guided)} scenes of {size} objects under changed requirements, from the same z(0)",
+        ("scene", "nominal", "guided", "least margin", "draws", "certificate"),
+        [row(k, *pair) for k, pair in enumerate(zip(nominal, guided, strict=True), start=1)],
+    )

@@ -87,7 +87,7 @@ def console() -> "Console":
 
 
 def output() -> "Console":
-    """The console for tables, on stdout; wide enough that piped tables stay whole."""
+    """The console for results, on stdout; text is wrapped at 150 characters where that is no terminal."""
     from rich.console import Console
 
     return Console(highlight=False, width=None if sys.stdout.isatty() else 150)
