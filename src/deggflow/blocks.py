@@ -38,7 +38,7 @@ def block_size() -> int:
     return BLOCK if jax.default_backend() == "cpu" else ACCELERATOR_BLOCK
 
 
-def blocks(count: int) -> list[Int[np.ndarray, " samples"]]:
+def blocks(count: int) -> list[Int[np.ndarray, " _samples"]]:
     """Indices of samples by block; all blocks but the last are full."""
     size = block_size()
     return [np.arange(k, min(k + size, count)) for k in range(0, count, size)]

@@ -28,6 +28,13 @@ def test_pictures_of_different_heights_do_not_stand_in_a_row():
         panels([np.zeros((8, 8, 3), np.uint8), np.zeros((9, 8, 3), np.uint8)], titles=("a", "b"))
 
 
+def test_pictures_of_different_widths_stand_in_a_row():
+    """Each time: shape checks look at one picture of a sequence, chosen at random."""
+    images = [np.zeros((8, 8 + k, 3), np.uint8) for k in range(8)]
+    shapes = {panels(images, titles="abcdefgh").shape for _ in range(20)}
+    assert len(shapes) == 1
+
+
 def test_a_saved_picture_can_be_read(tmp_path):
     image = np.random.default_rng(0).integers(0, 255, (30, 40, 3), np.uint8)
     save_png(tmp_path / "new" / "scene.png", image)

@@ -16,7 +16,7 @@ from deggflow.requirements.layout import Layout
 
 MAX_NUMBERS = 2_000_000  # of all states: a page of some 20 MB
 
-Regions = Sequence[Float[np.ndarray, "corners 2"]]
+Regions = Sequence[Float[np.ndarray, "_corners 2"]]
 
 
 def problem_json(

@@ -53,7 +53,7 @@ class Episode:
         task: What the robots do, as a sentence.
     """
 
-    features: Mapping[str, Float[np.ndarray, "frames size"]]
+    features: Mapping[str, Float[np.ndarray, "frames _size"]]
     success: bool
     satisfied: bool
     task: str

@@ -18,7 +18,7 @@ Sheet = UInt8[np.ndarray, "rows columns 3"]
 
 
 def panels(
-    images: Sequence[Picture],
+    images: Sequence[UInt8[np.ndarray, "height _width 3"]],
     *,
     titles: Sequence[str],
     captions: Sequence[str] | None = None,

@@ -51,6 +51,14 @@ def test_poses_and_trajectories_are_read_by_their_layout(made):
     assert np.array(paths["states"])[0].shape == (5, 2, 2)
 
 
+def test_regions_with_different_numbers_of_corners(made):
+    """Each time: shape checks look at one region of a sequence, chosen at random."""
+    regions = [np.stack([np.arange(k), np.arange(k) ** 2], axis=1) / 10 for k in range(3, 11)]
+    for _ in range(20):
+        problem = problem_json(*made, layout=Layout(axes=2), regions=regions)
+        assert [len(region) for region in problem["regions"]] == [*range(3, 11)]
+
+
 @pytest.mark.parametrize(
     ("change", "error"),
     [({"path": None}, "must be one generation with its path"), ({"path": jnp.full((101, 5, 2), jnp.nan)}, "finite states")],

@@ -1,5 +1,6 @@
 """The verdict in closed form against Shapely and dense time; formats; contradictions."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -91,6 +92,18 @@ def test_verdicts_of_a_batch_are_those_of_each_plan_alone(plans):
     together = judge([conditions[k] for k in order], [paths[k] for k in order])
     for k, verdict in zip(order, together, strict=True):
         assert verdict == judge([conditions[k]], [paths[k]])[0]
+
+
+def test_plans_with_different_numbers_of_robots_are_judged_each_time(plans):
+    """Shape checks look at one plan of a sequence, chosen at random."""
+    counts = [1 + k % len(plans[0][1]) for k in range(len(plans))]
+    conditions = [
+        dataclasses.replace(condition, robots=condition.robots[:count])
+        for (condition, _), count in zip(plans, counts, strict=True)
+    ]
+    paths = [paths[:count] for (_, paths), count in zip(plans, counts, strict=True)]
+    first = judge(conditions, paths)
+    assert all(judge(conditions, paths) == first for _ in range(10))
 
 
 def test_the_oracle_agrees(plans):

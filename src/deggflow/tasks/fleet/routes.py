@@ -42,11 +42,11 @@ class _Job(NamedTuple):
     bows: Float[np.ndarray, " ways"] | None
 
 
-def routes(searches: Sequence[Search], count: int) -> list[Float[np.ndarray, "count robots 64 2"]]:
+def routes(searches: Sequence[Search], count: int) -> list[Float[np.ndarray, "count _robots 64 2"]]:
     """Short ways of the robots of each search around the obstacles, without a view to other robots."""
     jobs = [_job(search, count) for search in searches]
 
-    def of_group(group: list[int]) -> list[Float[np.ndarray, "count robots 64 2"]]:
+    def of_group(group: list[int]) -> list[Float[np.ndarray, "count _robots 64 2"]]:
         paths = _paths([jobs[k] for k in group])
         ends = np.cumsum([jobs[k].variants.size for k in group])
         parts = np.split(paths, ends[:-1])

@@ -19,7 +19,7 @@ from .segments import norm, point_from_segment, segment_from_ring
 TOGETHER = 100_000  # pairs of steps with obstacles or other robots; more at once no longer fit a core's cache
 PAIRS = 1_000_000  # of polygons and steps of one plan, looked at at once
 
-Paths = Float[np.ndarray, "robots 64 2"]
+Paths = Float[np.ndarray, "_robots 64 2"]  # plans of one call differ in their numbers
 Teams = Float[np.ndarray, "plans robots 64 2"]
 Index = Int[np.ndarray, "#plans margins"]
 
@@ -103,7 +103,7 @@ class _Margins(NamedTuple):
     step: Index
 
 
-def obstacle_rings(floor: FloorMap) -> list[Float[np.ndarray, "corners 2"]]:
+def obstacle_rings(floor: FloorMap) -> list[Float[np.ndarray, "_corners 2"]]:
     """Corners of boxes and polygons."""
     rings = []
     for x, y, w, h in floor.boxes:

@@ -220,7 +220,7 @@ class TabletopGenerator:
         return finished(redraw_until_satisfied(attempt, len(conditions), max_draws))
 
 
-def _alike(conditions: Sequence[SceneCondition]) -> list[Int[np.ndarray, " part"]]:
+def _alike(conditions: Sequence[SceneCondition]) -> list[Int[np.ndarray, " _part"]]:
     """Parts of a batch that one guidance takes: those with a shared requirement apart from those without."""
     balanced = np.array([condition.balance is not None for condition in conditions])
     return [group for group in (np.flatnonzero(~balanced), np.flatnonzero(balanced)) if len(group)]
