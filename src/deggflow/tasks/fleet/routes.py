@@ -16,7 +16,7 @@ from .roadmap import Roadmap
 from .ways import FINE, Ways, evenly, rounded, timed_points
 
 BOW = 0.8  # largest height of a bow over half of its chord
-_TOGETHER = 64  # robots whose ways are looked for at once; more no longer fit a core's cache
+_ROBOTS_AT_ONCE = 64  # robots whose ways are looked for at once; more no longer fit a core's cache
 
 
 class Search(NamedTuple):
@@ -52,7 +52,7 @@ def routes(searches: Sequence[Search], count: int) -> list[Float[np.ndarray, "co
         parts = np.split(paths, ends[:-1])
         return [part.reshape(-1, count, WAYPOINTS, 2).swapaxes(0, 1) for part in parts]
 
-    return map_groups(of_group, [*_together(jobs)], len(jobs))
+    return map_groups(of_group, [*_job_groups(jobs)], len(jobs))
 
 
 def _job(search: Search, count: int) -> _Job:
@@ -64,12 +64,15 @@ def _job(search: Search, count: int) -> _Job:
     return _Job(roads, ends, variants, bows)
 
 
-def _together(jobs: Sequence[_Job]) -> Iterator[list[int]]:
+def _job_groups(jobs: Sequence[_Job]) -> Iterator[list[int]]:
     """Numbers of jobs on the same roadmap, few robots at once."""
     groups: dict[int, list[int]] = {}
     for k, job in enumerate(jobs):
         group = groups.setdefault(id(job.roads), [])
-        if group and sum(len(jobs[j].variants) for j in group) + len(job.variants) > _TOGETHER:
+        if (
+            group
+            and sum(len(jobs[j].variants) for j in group) + len(job.variants) > _ROBOTS_AT_ONCE
+        ):
             yield group
             group = groups[id(job.roads)] = []
         group.append(k)

@@ -16,7 +16,7 @@ from .condition import APART, FleetCondition
 from .maps import FloorMap
 from .segments import norm, point_from_segment, segment_from_ring
 
-TOGETHER = 100_000  # pairs of steps with obstacles or other robots; more at once no longer fit a core's cache
+MARGINS_AT_ONCE = 100_000  # pairs of steps with obstacles or other robots; more at once no longer fit a core's cache
 PAIRS = 1_000_000  # of polygons and steps of one plan, looked at at once
 
 Paths = Float[np.ndarray, "_robots 64 2"]  # plans of one call differ in their numbers
@@ -119,7 +119,7 @@ def _outside(condition: FleetCondition, paths: Teams) -> Iterator[_Margins]:
     first, last = (part.reshape(plans, -1, 2) for part in (paths[:, :, :-1], paths[:, :, 1:]))
     robot, step = np.divmod(np.arange(first.shape[1]), paths.shape[2] - 1)
     rings = obstacle_rings(floor)
-    for numbers in _together(rings, first.shape[1]):
+    for numbers in _ring_groups(rings, first.shape[1]):
         group = np.array([rings[k] for k in numbers])
         plan, ring, part, distance = _nearest_steps(first, last, group, condition.radius)
         columns = (distance - condition.radius, robot[part], numbers[ring], step[part])
@@ -155,7 +155,7 @@ def _by_plan(
         yield rows
 
 
-def _together(
+def _ring_groups(
     rings: Sequence[Float[np.ndarray, "_ 2"]], steps: int
 ) -> Iterator[Int[np.ndarray, " _"]]:
     """Numbers of polygons with equally many corners, not too many at once."""
@@ -262,7 +262,9 @@ def _verdicts(conditions: Sequence[FleetCondition], paths: Teams) -> list[Verdic
     ]
 
 
-def _alike(conditions: Sequence[FleetCondition], paths: Sequence[Paths]) -> Iterator[list[int]]:
+def _plan_groups(
+    conditions: Sequence[FleetCondition], paths: Sequence[Paths]
+) -> Iterator[list[int]]:
     """Numbers of plans as of `_margins`, not too many at once."""
     groups: dict[Hashable, list[int]] = {}
     for k, (condition, path) in enumerate(zip(conditions, paths, strict=True)):
@@ -271,7 +273,7 @@ def _alike(conditions: Sequence[FleetCondition], paths: Sequence[Paths]) -> Iter
     for group in groups.values():
         robots, waypoints, _ = paths[group[0]].shape
         others = conditions[group[0]].floor.obstacles + robots
-        count = max(1, TOGETHER // (robots * waypoints * others))
+        count = max(1, MARGINS_AT_ONCE // (robots * waypoints * others))
         yield from (group[k : k + count] for k in range(0, len(group), count))
 
 
@@ -282,4 +284,4 @@ def judge(conditions: Sequence[FleetCondition], paths: Sequence[Paths]) -> list[
         teams = np.array([paths[k] for k in group], float)
         return _verdicts([conditions[k] for k in group], teams)
 
-    return map_groups(of_group, [*_alike(conditions, paths)], len(conditions))
+    return map_groups(of_group, [*_plan_groups(conditions, paths)], len(conditions))
