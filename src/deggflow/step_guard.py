@@ -294,14 +294,18 @@ def finish(
     if not few:
         return samples
     last = jnp.argsort(~steps.unfinished(samples))[:few]  # all that are unfinished are among them
-    part = jax.tree.map(lambda leaf: leaf[last], (inputs, samples))
 
-    def alone(sample: tuple[Any, SampleProgress]) -> SampleProgress:
-        inputs, at = sample
-        return jax.lax.while_loop(steps.unfinished, lambda at: advance(inputs, at), at)
+    def finished(index: Int[Array, "..."], samples: SampleProgress) -> SampleProgress:
+        conditions, at = jax.tree.map(lambda leaf: leaf[index], (inputs, samples))
+        if index.ndim:
+            at = until(0, conditions, at)
+        else:
+            at = jax.lax.while_loop(steps.unfinished, lambda at: advance(conditions, at), at)
+        return jax.tree.map(lambda leaf, new: leaf.at[index].set(new), samples, at)
 
-    rest = jax.lax.map(alone, part) if on_cpu else until(0, *part)
-    return jax.tree.map(lambda leaf, new: leaf.at[last].set(new), samples, rest)
+    if not on_cpu:
+        return finished(last, samples)
+    return jax.lax.fori_loop(0, few, lambda k, samples: finished(last[k], samples), samples)
 
 
 class _Places(NamedTuple):
