@@ -64,6 +64,8 @@ def per_agent(name: str, value: Any, z0: Any, dtype: Any) -> Array | None:
         raise ValueError(
             f"`{name}` must have shape {z0.shape[:-1]}, one value for each agent; got {array.shape}."
         )
+    if dtype is not bool and not isinstance(array, jax.core.Tracer) and np.isnan(array).any():
+        raise ValueError(f"`{name}` must not be NaN; got {np.asarray(array).tolist()}.")
     return jnp.asarray(array, dtype)
 
 

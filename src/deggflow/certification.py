@@ -16,7 +16,7 @@ from .certificate import Certificate, GenerationRecord, RequirementVerdict
 from .contradiction import contradictions
 from .divergence import END_OF_SCALE, finite
 from .generation import Generation, check_one_sample
-from .guidance import AbstractRequirement, DecoupledGuidance
+from .guidance import AbstractRequirement, DecoupledGuidance, as_guidance
 from .judge import PRECISION, Judged, follow, judge_many
 from .recording import agent_names, foreign_record, not_a_number, records, verdicts_of
 from .trace import Summary, Trace
@@ -139,17 +139,6 @@ def verdicts(
     judgement = jax.tree.map(lambda leaf: leaf[0], judgement)
     _check_leaks(judgement, guidance.names)
     return verdicts_of(judgement.margins, guidance.names, guidance.margin_names(), agents)
-
-
-def as_guidance(
-    requirements: DecoupledGuidance | Sequence[AbstractRequirement],
-) -> DecoupledGuidance:
-    """Guidance by these requirements; guidance itself is returned unchanged."""
-    if isinstance(requirements, DecoupledGuidance):
-        return requirements
-    # One requirement without a tuple is refused by `DecoupledGuidance` itself.
-    items: Any = tuple(requirements) if isinstance(requirements, list) else requirements
-    return DecoupledGuidance(items)
 
 
 def _exact(condition: Any) -> Any:

@@ -1,6 +1,6 @@
 """Algorithm 1: guided generation, of one sample or of many."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .arguments import check_leading_axis, checked_grid, checked_start, per_agent
 from .drift import EVERY_STEP, AbstractDrift, Interval, aligned
 from .flow import Field
-from .guidance import AbstractGuidance
+from .guidance import AbstractGuidance, AbstractRequirement, as_guidance
 from .guided_field import GuidedField
 from .hints import advise_compiling
 from .identity import requirement_numbers
@@ -67,7 +67,7 @@ def refined_grid(steps: int = DEFAULT_STEPS, power: float = 2.0) -> Float[Array,
 
 def generate(
     field: Field,
-    guidance: AbstractGuidance,
+    guidance: AbstractGuidance | Sequence[AbstractRequirement],
     z0: Float[Array | np.ndarray, "agents dim"],
     condition: Any,
     *,
@@ -87,7 +87,7 @@ def generate(
 
     Args:
         field: Nominal vector field, any callable (tau, z, condition) -> dz/dtau of the shape of z.
-        guidance: `DecoupledGuidance`, or `NoGuidance` for the nominal sample.
+        guidance: `DecoupledGuidance`, or a tuple of requirements; `NoGuidance` for the nominal sample.
         z0: Initial sample; its floating-point type is that of the generation.
         condition: What field and requirements are conditioned on, any pytree.
         grid: Increasing values of tau from 0 to 1; `refined_grid()` by default.
@@ -104,12 +104,14 @@ def generate(
         keep_path: Also return z at every grid point.
 
     Raises:
-        TypeError: z(0), the field's or a requirement's value is not of floating-point type.
+        TypeError: z(0), the field's or a requirement's value is not of floating-point type, or a setting is of another type.
         ValueError: A shape does not fit, or the grid does not increase from 0 to 1 (where its values are known; in a
             compiled program that is handed the grid they are not, and `certify` looks at them).
 
     Source: paper, alg:guided_sampling.
     """
+    guidance = _guidance_by(guidance)
+    check_settings(solver, drift, guard)
     z0, grid = checked_start(z0, 2), checked_grid(grid, refined_grid, z0)
     grid, starts = aligned(grid, drift.macro_grid())
     mask, stops = per_agent("mask", mask, z0, bool), per_agent("stops", stops, z0, z0.dtype)
@@ -142,7 +144,7 @@ def generate(
 
 def generate_batch(
     field: Field,
-    guidance: AbstractGuidance,
+    guidance: AbstractGuidance | Sequence[AbstractRequirement],
     z0: Float[Array | np.ndarray, "samples agents dim"],
     condition: Any,
     *,
@@ -162,6 +164,8 @@ def generate_batch(
 
     Args: as of `generate`, where `z0`, `mask`, `stops` and the leaves of `condition` have a leading axis of samples.
     """
+    guidance = _guidance_by(guidance)
+    check_settings(solver, drift, guard)
     z0, grid = checked_start(z0, 3), checked_grid(grid, refined_grid, z0)
     grid, starts = aligned(grid, drift.macro_grid())
     mask, stops = per_agent("mask", mask, z0, bool), per_agent("stops", stops, z0, z0.dtype)
@@ -204,6 +208,25 @@ def generate_batch(
     advise_compiling("generate_batch", end.z)
     batch = _generation(jnp.broadcast_to(grid, (len(z0), len(grid))), end)
     return completed(batch, guidance, drift, solver)
+
+
+def _guidance_by(guidance: AbstractGuidance | Sequence[AbstractRequirement]) -> AbstractGuidance:
+    return guidance if isinstance(guidance, AbstractGuidance) else as_guidance(guidance)
+
+
+def check_settings(solver: Any, drift: Any, guard: Any) -> None:
+    """Checks the types of settings, which strings or numbers are easily taken for.
+
+    Raises:
+        TypeError: One is of another type.
+    """
+    for name, value, kind, examples in (
+        ("solver", solver, RungeKutta, "`EULER`, `HEUN` or `RK4`"),
+        ("drift", drift, AbstractDrift, "`EveryStep()`, `Held(16)` or another of `deggflow.drift`"),
+        ("guard", guard, StepGuard | None, "`StepGuard()`, or None for fixed steps"),
+    ):
+        if not isinstance(value, kind):
+            raise TypeError(f"`{name}` must be {examples}; got {value!r}.")
 
 
 def check_one_sample(name: str, value: object, allowed: str, advice: str) -> None:

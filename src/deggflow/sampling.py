@@ -14,11 +14,17 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 from .arguments import check_leading_axis
 from .blocks import blocks, map_blocks, padded_batch
 from .certificate import Certificate
-from .certification import as_guidance, certify_batch
+from .certification import certify_batch
 from .drift import EVERY_STEP, AbstractDrift
 from .flow import Field
-from .generation import GUARD, Generation, generate_batch
-from .guidance import AbstractGuidance, AbstractRequirement, DecoupledGuidance, NoGuidance
+from .generation import GUARD, Generation, check_settings, generate_batch
+from .guidance import (
+    AbstractGuidance,
+    AbstractRequirement,
+    DecoupledGuidance,
+    NoGuidance,
+    as_guidance,
+)
 from .notebook import samples_html
 from .redraw import Candidate, Drawn, redraw_until_satisfied
 from .solver import EULER, RungeKutta
@@ -147,6 +153,8 @@ def sample(
         512 of 512 samples satisfied, 512 at the first draw
     """
     judge = as_guidance(requirements)
+    check_settings(solver, drift, guard)
+    _check_key(key)
     _check(count, shape, condition, conditions, mask, masks)
     guidance: AbstractGuidance = judge if guided else NoGuidance()
     run = _Run(
@@ -194,6 +202,21 @@ def _check(count: int, shape: Any, condition: Any, conditions: Any, mask: Any, m
             )
     if conditions is not None:
         check_leading_axis(conditions, count, "conditions")
+    for name, value in (("condition", condition), ("conditions", conditions)):
+        for path, leaf in jax.tree_util.tree_leaves_with_path(value):
+            arrays = isinstance(leaf, jax.Array | np.ndarray | np.generic | float | int)
+            if not arrays or jnp.issubdtype(jnp.result_type(leaf), jax.dtypes.extended):
+                raise TypeError(
+                    f"every leaf of `{name}` must be a number or an array, as it goes into a compiled program; got "
+                    f"{leaf!r} at {name}{jax.tree_util.keystr(path)}."
+                )
+
+
+def _check_key(key: Any) -> None:
+    typed = isinstance(key, jax.Array) and jnp.issubdtype(key.dtype, jax.dtypes.prng_key)
+    raw = isinstance(key, jax.Array | np.ndarray) and key.dtype == np.uint32
+    if not (typed or raw):
+        raise TypeError(f"`key` must be a key of JAX, such as jax.random.key(0); got {key!r}.")
 
 
 def _masks(mask: Any, masks: Any, count: int) -> Bool[np.ndarray, "samples agents"] | None:

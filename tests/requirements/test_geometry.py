@@ -28,7 +28,7 @@ def rectangle(centre, size, angle):
 SHAPES = {
     "boxes": (BOXES, [rectangle(*each) for each in zip(BOXES.centre, BOXES.size, BOXES.angle, strict=True)]),
     "triangle": (TRIANGLE, [Polygon(TRIANGLE.hull.corners[0])]),
-    "notched": (NOTCHED, [Polygon(each) for each in NOTCHED.pieces.corners]),
+    "notched": (NOTCHED, [Polygon(NOTCHED.ring)]),
     "grid": (GRID, [shapely.union_all([
         shapely.box(-1.6 + 0.2 * x, -1.2 + 0.2 * y, -1.4 + 0.2 * x, -1.0 + 0.2 * y) for y, x in np.argwhere(IMAGE)
     ])]),
@@ -57,7 +57,7 @@ def test_clearances_are_shapelys_distances(name, swept):
                     assert max(value, 0.0) == pytest.approx(distance, abs=1e-9)
                     assert value > 0 or distance < 1e-9
                     outside += distance > 0
-    assert outside > 100
+    assert outside > 30
 
 
 @jax.jit
@@ -137,8 +137,8 @@ def test_motion_in_space_by_dense_sampling():
 def test_a_polygon_that_is_not_convex_is_its_pieces_and_its_hull_less_its_notches():
     pieces = shapely.union_all([Polygon(each) for each in NOTCHED.pieces.corners])
     ring = Polygon([(-1.5, -1.5), (1.5, -1.5), (1.5, 1.5), (0.0, 0.1), (-1.5, 1.5)])
-    hull, notches = NOTCHED.hull.corners[0], NOTCHED.notches.corners
-    rest = Polygon(hull).difference(shapely.union_all([Polygon(each) for each in notches]))
+    hull, notches = NOTCHED.hull.corners[0], NOTCHED.notches.regions
+    rest = Polygon(hull).difference(shapely.union_all([Polygon(each.ring) for each in notches]))
     assert pieces.symmetric_difference(ring).area < 1e-12
     assert rest.symmetric_difference(ring).area < 1e-12
 
@@ -156,7 +156,7 @@ def test_random_simple_polygons_are_cut_up_whole(seed):
     assert pieces.symmetric_difference(ring).area < 1e-9
     assert sum(Polygon(each).area for each in region.pieces.corners) == pytest.approx(ring.area)
     if region.notches is not None:
-        area = sum(Polygon(each).area for each in region.notches.corners)
+        area = sum(Polygon(each.ring).area for each in region.notches.regions)
         assert Polygon(region.hull.corners[0]).area - area == pytest.approx(ring.area)
 
 
@@ -186,7 +186,7 @@ def test_discs_meet_the_motion_of_points():
     ("make", "message"),
     [
         (lambda: req.Polygon([(0.0, 0.0), (1.0, 1.0)]), "`corners` must enclose an area"),
-        (lambda: req.Polygon([(0, 0), (1, 1), (1, 0), (0, 2.0)]), "edges do not cross"),
+        (lambda: req.Polygon([(0, 0), (1, 1), (1, 0), (0, 2.0)]), "edges neither cross nor touch"),
         (
             lambda: req.Disc(np.zeros((3, 2)), np.ones(2)),
             "`radius` must be one number or one for each of 3",

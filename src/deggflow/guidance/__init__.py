@@ -3,7 +3,7 @@
 from .agent import AgentInput, CommunicationCost, agent_input, communication_cost
 from .allocation import AbstractAllocation, Fixed, Local, Own, Pooled
 from .bound import AbstractBound, TighteningBound
-from .decoupled import AbstractGuidance, DecoupledGuidance, NoGuidance
+from .decoupled import AbstractGuidance, DecoupledGuidance, NoGuidance, as_guidance
 from .margins import (
     AbstractMargins,
     AbstractNamedMargins,
@@ -54,6 +54,7 @@ __all__ = [
     "SumOfMargins",
     "TighteningBound",
     "agent_input",
+    "as_guidance",
     "communication_cost",
     "distances",
     "hinge_violation",

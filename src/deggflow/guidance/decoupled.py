@@ -1,6 +1,7 @@
 """Guidance of a team: requirements in, one input per agent out."""
 
 import abc
+from collections.abc import Sequence
 from itertools import accumulate, pairwise
 from typing import Any
 
@@ -324,3 +325,14 @@ def opposed_sine(
         both = counts[:k] & counts[k : k + 1] & opposed
         least = jnp.minimum(least, jnp.min(jnp.where(both, sine, 1.0), axis=0))
     return least
+
+
+def as_guidance(
+    requirements: DecoupledGuidance | Sequence[AbstractRequirement],
+) -> DecoupledGuidance:
+    """Guidance by these requirements; guidance itself is returned unchanged."""
+    if isinstance(requirements, DecoupledGuidance):
+        return requirements
+    # One requirement without a tuple is refused by `DecoupledGuidance` itself.
+    items: Any = tuple(requirements) if isinstance(requirements, list) else requirements
+    return DecoupledGuidance(items)

@@ -26,6 +26,7 @@ from .requirement import (
     check_buffer,
     check_unrounded,
     input_gradient,
+    plain_number,
 )
 from .schedule import AbstractSchedule, LinearSchedule
 from .sums import SumOfMargins
@@ -89,7 +90,7 @@ class PrivateRequirement(AbstractRequirement):
     """
 
     margins: Margins | AbstractMargins
-    buffer: float = eqx.field(static=True)
+    buffer: float = eqx.field(static=True, converter=plain_number)
     allocation: AbstractAllocation = Pooled()
     reanchored: bool = eqx.field(static=True, default=True)
     per_owner_gain: bool = eqx.field(static=True, default=False)

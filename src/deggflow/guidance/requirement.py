@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from deggflow.shapes import Mask, RowFlags, RowValues, Scalar, States
@@ -140,11 +141,16 @@ class AbstractRequirement(eqx.Module):
         """The state after a step that was taken although it ended above a limit."""
 
 
+def plain_number(value: Any) -> Any:
+    """A number of Python in place of one of NumPy, which a static field can't hold."""
+    return value.item() if isinstance(value, np.number) else value
+
+
 def check_buffer(buffer: float, unit: str, aim: str) -> None:
     """Raises `ValueError` unless a buffer is a nonnegative finite number."""
     if not (isinstance(buffer, float | int) and 0 <= buffer < math.inf):
         raise ValueError(
-            f"`buffer` must be a nonnegative finite number in the unit of {unit}, as guidance aims at {aim}; got {buffer}."
+            f"`buffer` must be a nonnegative finite number in the unit of {unit}, as guidance aims at {aim}; got {buffer!r}."
         )
 
 

@@ -20,6 +20,7 @@ from .requirement import (
     check_buffer,
     check_unrounded,
     input_gradient,
+    plain_number,
 )
 
 FactorValue = Callable[[Scalar, States, Any], Scalar]
@@ -76,7 +77,7 @@ class SharedFactor(eqx.Module):
     alpha: Callable[[Scalar], Scalar] = linear
     incidence: Callable[[Any], Mask] = all_agents
     allocation: AbstractAllocation = Pooled()
-    buffer: float = eqx.field(static=True, default=0.0)
+    buffer: float = eqx.field(static=True, default=0.0, converter=plain_number)
     name: str = eqx.field(static=True, default="shared")
 
     def __check_init__(self) -> None:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -14,7 +15,7 @@ from deggflow.shapes import States
 from . import exact
 from .layout import POINTS, Layout
 from .term import EPS, AbstractPairTerm, hinge, length, nearest_on_the_way
-from .values import Value, check_positive, resolve
+from .values import Value, check_positive, one_or_each, resolve
 
 Pairs = Float[Array, "pairs steps"]
 
@@ -29,11 +30,7 @@ class Apart(AbstractPairTerm):
     radius: Value
 
     def _radii(self, agents: int, condition: Any, dtype: Any) -> Float[Array, " agents"]:
-        radius = resolve(self.radius, condition, dtype)
-        if radius.shape not in ((), (agents,)):
-            raise ValueError(
-                f"`radius` must be one number or one for each of {agents} agents; got shape {radius.shape}."
-            )
+        radius = one_or_each("radius", self.radius, agents, condition, dtype)
         return jnp.broadcast_to(radius, (agents,))
 
     def exact(self, z: States, condition: Any) -> Float[Array, "agents margins"]:
@@ -121,7 +118,7 @@ def apart(
 def _half(distance: Value) -> Value:
     if isinstance(distance, str) or callable(distance):
         return _Half(distance)
-    return np.asarray(distance, float) / 2
+    return distance / 2 if isinstance(distance, jax.Array) else np.asarray(distance, float) / 2
 
 
 class _Half(eqx.Module):

@@ -23,7 +23,7 @@ class BodiesApart(AbstractPairTerm):
     """Distances of every two bodies, in m; of overlap, minus the least translation that parts them.
 
     Attributes:
-        corners: In the frame of a body, counter-clockwise; of all bodies, or of each.
+        corners: Of convex polygons in the frame of a body; of all bodies, or of each.
     """
 
     corners: Value
@@ -37,6 +37,9 @@ class BodiesApart(AbstractPairTerm):
                 f"`corners` must have shape (corners, 2), or ({len(z)}, corners, 2) with one body for each agent; "
                 f"got {body.shape}."
             )
+        after = jnp.roll(body, -1, axis=-2)
+        area = jnp.sum(body[..., 0] * after[..., 1] - body[..., 1] * after[..., 0], axis=-1)
+        body = jnp.where(area[..., None, None] < 0, body[..., ::-1, :], body)
         body = jnp.broadcast_to(body, (len(z), *body.shape[-2:]))
         a, b = body[..., 0].T[..., None], body[..., 1].T[..., None]
         cos, sin = cos[None], sin[None]
@@ -81,6 +84,13 @@ def _one_way(
     return total, jnp.max(jnp.min(gaps, axis=1), axis=0)
 
 
+def _convex(corners: Float[np.ndarray, "..."]) -> Float[np.ndarray, "_ 2"]:
+    ring = polygon.counter_clockwise(corners)
+    if not polygon.is_convex(ring):
+        raise ValueError(f"`shape` must be a convex polygon; got {corners.tolist()}.")
+    return ring
+
+
 def bodies_apart(
     shape: Any, *, layout: Layout, buffer: float = 0.01, name: str = "apart"
 ) -> PrivateRequirement:
@@ -88,7 +98,8 @@ def bodies_apart(
 
     Args:
         shape: (length, width) of rectangles, the length along the heading; or the corners of a convex polygon in the
-            frame of the body, shape (corners, 2); or one for each agent, shape (agents, corners, 2), counter-clockwise.
+            frame of the body, shape (corners, 2); or one for each agent, shape (agents, corners, 2). What comes from a
+            condition must be convex, too, which is not checked.
         layout: `poses()`, or trajectories with a heading; between waypoints nothing is asked.
         buffer: What guidance aims at between the bodies, in m.
         name: What certificates call it.
@@ -111,7 +122,10 @@ def bodies_apart(
             check_positive("shape", corners, "(length, width)")
             corners = corners / 2 * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
         elif corners.ndim == 2:
-            corners = polygon.counter_clockwise(corners)
-            if not polygon.is_convex(corners):
-                raise ValueError(f"`shape` must be a convex polygon; got {corners.tolist()}.")
+            corners = _convex(corners)
+        elif corners.ndim == 3:
+            rings = [_convex(each) for each in corners]
+            most = max(map(len, rings))
+            # The last corner again, where a body has fewer: an edge of length zero.
+            corners = np.array([[*each, *[each[-1]] * (most - len(each))] for each in rings])
     return PrivateRequirement(BodiesApart(corners, layout=layout), buffer, name=name)

@@ -89,6 +89,44 @@ def polygons_apart(
     return jnp.where(gap < 0, gap, near)
 
 
+def point_from_ring(
+    point: Float[Array, "2 ..."], ring: Float[Array, "corners 2"]
+) -> Float[Array, "..."]:
+    """Signed distance of points to a simple polygon: to its edges, and negative where a ray crosses an odd number of them."""
+    a = ring.T.reshape(2, -1, *(1,) * (point.ndim - 1))
+    b, x = jnp.roll(a, -1, axis=1), point[:, None]
+    near = jnp.min(segment_from_origin(a - x, b - x), axis=0)
+    between = (a[1] > x[1]) != (b[1] > x[1])
+    slope = (b[0] - a[0]) / jnp.where(between, b[1] - a[1], 1.0)
+    crossed = between & (x[0] < a[0] + (x[1] - a[1]) * slope)
+    return jnp.where(jnp.sum(crossed, axis=0) % 2 == 1, -near, near)
+
+
+def segment_from_ring(
+    first: Float[Array, "2 ..."], last: Float[Array, "2 ..."], ring: Float[Array, "corners 2"]
+) -> Float[Array, "..."]:
+    """Distance of segments to a simple polygon; of those that enter it, minus how deep points of theirs are inside.
+
+    Edges cut a segment into parts, each of which is inside or outside as a whole: the depths are those of the parts'
+    middles and of both ends.
+    """
+    a = ring.T.reshape(2, -1, *(1,) * (first.ndim - 1))
+    edge, way, off = jnp.roll(a, -1, axis=1) - a, (last - first)[:, None], a - first[:, None]
+    turn, square = way[0] * edge[1] - way[1] * edge[0], jnp.sum(way**2, axis=0)
+    crossing = (off[0] * edge[1] - off[1] * edge[0]) / jnp.where(turn == 0, 1.0, turn)
+    # An edge along the segment cuts it at the edge's corners.
+    corner = jnp.sum(off * way, axis=0) / jnp.where(square > 0, square, 1.0)
+    ends = jnp.zeros_like(square), jnp.ones_like(square)
+    cuts = jnp.clip(jnp.concatenate([*ends, crossing, corner]), 0.0, 1.0)
+    cuts = jnp.sort(jnp.where(jnp.isfinite(cuts), cuts, 0.0), axis=0)
+    middles = (cuts[1:] + cuts[:-1]) / 2
+    at = jnp.concatenate([*ends, middles])[None]
+    signed = point_from_ring(first[:, None] + at * way, ring)
+    deepest = jnp.min(signed, axis=0)
+    near = jnp.min(segment_from_origin(-off, last[:, None] - a), axis=0)
+    return jnp.where(deepest < 0, deepest, jnp.minimum(near, jnp.min(signed[:2], axis=0)))
+
+
 def _edge_gap(one: Float[Array, "_ 2 ..."], other: Float[Array, "_ 2 ..."]) -> Float[Array, "..."]:
     """Largest gap along the normals of one polygon's edges, both ways; -inf where it has none."""
     best = jnp.asarray(-jnp.inf, one.dtype)

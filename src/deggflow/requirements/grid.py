@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 from scipy.ndimage import distance_transform_edt
 
 from .regions import AbstractObstacle, Box, Each, Positions
-from .term import hinge, length
+from .term import hinge, length, root
 
 SLACK = (
     0.7072  # cells, at least sqrt(1/2): by which interpolated distances may exceed the exact ones
@@ -29,6 +29,7 @@ class Grid(AbstractObstacle):
         origin: Lower left corner of the image, in m.
         cell: Length of a cell, in m.
         rectangles: That cover the occupied cells, all of them together; they do not overlap.
+        seams: That cover the lines along which these touch, so that what is on such a line is inside.
         samples: Parts of each segment that are looked at.
 
     Example:
@@ -42,6 +43,7 @@ class Grid(AbstractObstacle):
     origin: Float[Array | np.ndarray, "2"]
     cell: Float[Array | np.ndarray, ""]
     rectangles: Box
+    seams: Box | None
     samples: int = eqx.field(static=True)
 
     def __init__(self, occupied: Any, origin: Any, cell: float, samples: int = 4) -> None:
@@ -62,8 +64,18 @@ class Grid(AbstractObstacle):
             samples,
         )
         self.origin = np.asarray(origin, float)
+        if self.origin.shape != (2,) or not np.isfinite(self.origin).all():
+            raise ValueError(
+                f"`origin` must be two finite numbers, the lower left corner; got {origin!r}."
+            )
+
+        def boxes(low: Int[np.ndarray, "_ 2"], size: Int[np.ndarray, "_ 2"]) -> Box:
+            return Box(self.origin + cell * (low + size / 2), cell * size)
+
         low, size = _rectangles(image)
-        self.rectangles = Box(self.origin + cell * (low + size / 2), cell * size)
+        self.rectangles = boxes(low, size)
+        low, size = _seams(image, low, size)
+        self.seams = boxes(low, size) if len(low) else None
 
     @property
     def extent(self) -> Box:
@@ -72,10 +84,10 @@ class Grid(AbstractObstacle):
         return Box(self.origin + size / 2, size)
 
     def field(self, x: Positions) -> Float[Array, "agents waypoints"]:
-        """Interpolated signed distance; beyond the image, that at its edge."""
+        """Interpolated signed distance; beyond the image, where nothing is occupied, by way of the nearest point of it."""
         most = np.array(self.nodes.shape)[::-1] - 1
-        place = (x - self.origin[:, None, None]) / self.cell
-        place = jnp.clip(place, 0.0, jnp.asarray(most, x.dtype)[:, None, None])
+        free = (x - self.origin[:, None, None]) / self.cell
+        place = jnp.clip(free, 0.0, jnp.asarray(most, x.dtype)[:, None, None])
         middle = jnp.round(place)
         weight = _spline(place - middle)
         total = jnp.zeros(x.shape[1:], x.dtype)
@@ -84,7 +96,10 @@ class Grid(AbstractObstacle):
                 column = jnp.clip(middle[0].astype(int) + i - 1, 0, int(most[0]))
                 row = jnp.clip(middle[1].astype(int) + j - 1, 0, int(most[1]))
                 total = total + weight[i][0] * weight[j][1] * jnp.asarray(self.nodes)[row, column]
-        return total
+        # No obstacle is nearer than the two legs of a right angle say.
+        beyond = length(free - place) * self.cell
+        farther = root(beyond**2 + jnp.where(total > 0, total, 0.0) ** 2)
+        return jnp.where(beyond > 0, farther + jnp.where(total > 0, 0.0, total), total)
 
     def repulsion(self, x: Positions, reach: Any, eps: float) -> Each:
         slack = SLACK * self.cell
@@ -97,10 +112,12 @@ class Grid(AbstractObstacle):
             values = self.field(jnp.concatenate([points, x[..., -1:]], axis=2))
             step = jnp.repeat(length(x[..., 1:] - x[..., :-1]), self.samples, axis=1) / self.samples
             distance = (values[:, 1:] + values[:, :-1] - step) / 2
-        return (hinge(reach + slack - distance))[None]
+        return hinge(reach + slack - distance[None])
 
     def clearance(self, x: Positions, swept: bool) -> Each:
-        return jnp.min(self.rectangles.clearance(x, swept), axis=0, keepdims=True)
+        parts = (self.rectangles,) if self.seams is None else (self.rectangles, self.seams)
+        every = jnp.concatenate([part.clearance(x, swept) for part in parts])
+        return jnp.min(every, axis=0, keepdims=True)
 
 
 def _spline(offset: Float[Array, "..."]) -> tuple[Float[Array, "..."], ...]:
@@ -145,3 +162,28 @@ def _rectangles(
         low.append((column, row))
         size.append((width, height))
     return np.array(low), np.array(size)
+
+
+def _seams(
+    image: Bool[np.ndarray, "rows columns"],
+    low: Int[np.ndarray, "rectangles 2"],
+    size: Int[np.ndarray, "rectangles 2"],
+) -> tuple[Int[np.ndarray, "seams 2"], Int[np.ndarray, "seams 2"]]:
+    """Lower left corners and sizes of rectangles of occupied cells that hold every inner point at which others touch.
+
+    Of every line of the grid, the longest runs of pairs of occupied cells on both of its sides, if they are not of one
+    rectangle.
+    """
+    owner = np.full(image.shape, -1)
+    for k, ((x, y), (width, height)) in enumerate(zip(low, size, strict=True)):
+        owner[y : y + height, x : x + width] = k
+    out: list[tuple[Any, Any]] = []
+    for cells, flip in ((owner, 1), (owner.T, -1)):
+        both = np.pad((cells[1:] >= 0) & (cells[:-1] >= 0), ((0, 0), (1, 1)))
+        change = np.diff(both.astype(int), axis=1)
+        begins, ends = np.argwhere(change == 1), np.argwhere(change == -1)
+        for (line, first), (_, last) in zip(begins, ends, strict=True):
+            if np.ptp(cells[line : line + 2, first:last]) > 0:
+                out.append(((first, line)[::flip], (last - first, 2)[::flip]))
+    found = np.array(out, int).reshape(-1, 2, 2)
+    return found[:, 0], found[:, 1]

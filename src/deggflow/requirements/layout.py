@@ -231,4 +231,5 @@ def trajectories(
         >>> trajectories(64, start="start", goal="goal").waypoints
         64
     """
-    return Layout(axes, heading, waypoints, dt, start, goal)
+    count = int(waypoints) if isinstance(waypoints, np.integer) else waypoints
+    return Layout(axes, heading, count, dt, start, goal)

@@ -23,7 +23,7 @@ from .layout import Layout
 from .regions import AbstractRegion, as_region
 from .smooth import maximum_below, minimum_below
 from .term import AbstractOwnTerm, hinge
-from .values import Value, resolve
+from .values import Value, check_nonnegative, is_constant, resolve
 
 Signal = Float[Array, "agents waypoints"]
 Window = tuple[int, int | None]
@@ -64,6 +64,11 @@ class _AbstractPlace(AbstractFormula):
 
     region: Value | AbstractRegion
     radius: float = 0.0
+
+    def __check_init__(self) -> None:
+        check_nonnegative("radius", self.radius, "of the agents")
+        if is_constant(self.region):
+            as_region(self.region)
 
     @abc.abstractmethod
     def _exact(self, region: AbstractRegion, x: Float[Array, "axes agents waypoints"]) -> Signal:
@@ -120,6 +125,10 @@ class _AbstractPair(AbstractFormula):
 
     one: AbstractFormula
     other: AbstractFormula
+
+    def __check_init__(self) -> None:
+        _check_formulas(one=self.one, other=self.other)
+
     combination: eqx.AbstractClassVar[tuple[Exact, Smooth]]
     """Exact, and smooth below it."""
 
@@ -163,6 +172,11 @@ class _AbstractWindowed(AbstractFormula):
 
     inner: AbstractFormula
     window: Window = eqx.field(static=True, default=(0, None))
+
+    def __check_init__(self) -> None:
+        _check_formulas(inner=self.inner)
+        _check_window(self.window)
+
     combination: eqx.AbstractClassVar[tuple[Exact, Smooth, float]]
     """Exact, smooth below it, and what waypoints outside of the window count as."""
 
@@ -215,6 +229,10 @@ class Until(AbstractFormula):
     then: AbstractFormula
     window: Window = eqx.field(static=True, default=(0, None))
 
+    def __check_init__(self) -> None:
+        _check_formulas(before=self.before, then=self.then)
+        _check_window(self.window)
+
     def robustness(self, x: Float[Array, "axes agents waypoints"], condition: Any) -> Signal:
         first = jnp.where(_seen((0, None), x), self.before.robustness(x, condition)[:, None], FAR)
         held = associative_scan(jnp.minimum, first, axis=2)
@@ -232,6 +250,23 @@ class Until(AbstractFormula):
             jnp.stack([-sharpness * held, jnp.broadcast_to(-sharpness * then, held.shape)]), axis=0
         )
         return maximum_below(jnp.where(_seen(self.window, x), both / sharpness, -FAR), width, 2)
+
+
+def _check_formulas(**formulas: Any) -> None:
+    for name, formula in formulas.items():
+        if not isinstance(formula, AbstractFormula):
+            raise TypeError(
+                f"`{name}` must be a formula, made of `Within`, `Always`, ...; got {formula!r}."
+            )
+
+
+def _check_window(window: Any) -> None:
+    if not (isinstance(window, tuple) and len(window) == 2 and isinstance(window[0], int)
+            and (window[1] is None or isinstance(window[1], int))
+            and 0 <= window[0] <= (window[0] if window[1] is None else window[1])):  # fmt: skip
+        raise ValueError(
+            f"`window` must be a first and a last waypoint, such as (0, 3) or (2, None); got {window!r}."
+        )
 
 
 def _seen(
@@ -257,6 +292,8 @@ class Satisfied(AbstractOwnTerm):
 
     def hinges(self, z: States, condition: Any, buffer: float) -> AgentValues:
         x = self.layout.positions(z, condition)
+        if buffer == 0:  # nothing to smooth over
+            return hinge(-self.formula.robustness(x, condition)[:, 0])
         return hinge(buffer - self.formula.bound(x, condition, WIDTH * buffer)[:, 0])
 
     def label(self, column: int, columns: int, agents: Sequence[str]) -> MarginLabel:

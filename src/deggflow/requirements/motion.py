@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -14,19 +15,14 @@ from deggflow.shapes import AgentValues, States
 from . import exact
 from .layout import POINTS, Layout
 from .term import AbstractOwnTerm, hinge, length
-from .values import Value, check_positive, resolve
+from .values import Value, check_positive, column, resolve
 
 Steps = Float[Array, "agents steps"]
 
 
 def _limit(limit: Value, agents: int, condition: Any, dtype: Any) -> Float[Array, "..."]:
     """A number, or a column of one for each agent."""
-    value = resolve(limit, condition, dtype)
-    if value.shape not in ((), (agents,)):
-        raise ValueError(
-            f"`limit` must be one number or one for each of {agents} agents; got shape {value.shape}."
-        )
-    return value if value.ndim == 0 else value[:, None]
+    return column("limit", limit, agents, condition, dtype)
 
 
 class _AbstractSize(AbstractOwnTerm):
@@ -98,7 +94,10 @@ class Curvature(AbstractOwnTerm):
     def hinges(self, z: States, condition: Any, buffer: float) -> AgentValues:
         way = jnp.diff(self.layout.positions(z, condition), axis=2)
         one, other = way[..., :-1], way[..., 1:]
-        mean = (length(one) + length(other)) / 2
+        # The angle does not depend on the lengths, whose squares may underflow.
+        (one, size), (other, its_size) = map(_by_size, (one, other))
+        mean = (size * length(one) + its_size * length(other)) / 2
+        mean = jnp.maximum(mean, _shortest(way.dtype))
         along = jnp.sum(one * other, axis=0)
         if len(way) == 2:
             across = one[0] * other[1] - one[1] * other[0]
@@ -114,6 +113,20 @@ class Curvature(AbstractOwnTerm):
 
     def label(self, column: int, columns: int, agents: Sequence[str]) -> MarginLabel:
         return MarginLabel(f"at waypoint {column + 1}", f"1/{self.layout.unit}")
+
+
+def _shortest(dtype: Any) -> float:
+    """The cube of a curvature over a shorter segment, which its gradient has, may exceed the largest number of a type."""
+    return float(jnp.finfo(dtype).max) ** -0.3
+
+
+def _by_size(
+    vector: Float[Array, "axes ..."],
+) -> tuple[Float[Array, "axes ..."], Float[Array, "..."]]:
+    """Vectors over their largest entry, and that entry, which is held fixed; what is too short for a gradient has none."""
+    size = jax.lax.stop_gradient(jnp.max(jnp.abs(vector), axis=0))
+    free = jnp.where(size > _shortest(vector.dtype), vector, jax.lax.stop_gradient(vector))
+    return free / jnp.where(size > 0, size, 1.0)[None], size
 
 
 class Length(AbstractOwnTerm):
@@ -162,7 +175,7 @@ class Near(_AbstractSize):
         return x - (target.T[..., None] if target.ndim == 2 else target[:, None, None])
 
     def _largest(self, z: States, condition: Any) -> Float[Array, "..."]:
-        return _limit(self.within, len(z), condition, z.dtype)
+        return column("within", self.within, len(z), condition, z.dtype)
 
     def label(self, column: int, columns: int, agents: Sequence[str]) -> MarginLabel:
         return MarginLabel(self.layout.when(self.since + column, False).strip(), self.layout.unit)

@@ -13,18 +13,14 @@ from deggflow.shapes import AgentValues, States
 from .grid import Grid
 from .layout import POINTS, Layout
 from .regions import AbstractObstacle, AbstractRegion, Polygon, as_region
-from .smooth import maximum_below, minimum_below
-from .term import EPS, AbstractOwnTerm, hinge
-from .values import Value, is_constant, resolve
+from .smooth import maximum_below
+from .term import EPS, AbstractOwnTerm, hinge, root
+from .values import Value, check_nonnegative, is_constant, one_or_each, resolve
 
 
 def _radius_of(radius: Value, agents: int, condition: Any, dtype: Any) -> Float[Array, "..."]:
     """A number, or one for each agent of an array over (regions, agents, waypoints)."""
-    value = resolve(radius, condition, dtype)
-    if value.shape not in ((), (agents,)):
-        raise ValueError(
-            f"`radius` must be one number or one for each of {agents} agents; got shape {value.shape}."
-        )
+    value = one_or_each("radius", radius, agents, condition, dtype)
     return value if value.ndim == 0 else value[None, :, None]
 
 
@@ -93,8 +89,11 @@ class Inside(AbstractOwnTerm):
             return jnp.sum(hinge(reach - faces[:, 0]), axis=(0, 2))
         if self.layout.swept:
             faces = jnp.concatenate([faces[..., 1:], faces[..., :-1]])
+        # As for one region, with the root of the sum of all hinges of a region: at most its least depth, and without a
+        # kink where two faces meet. A width further inside, as the smooth maximum is below the exact one by that.
         width = EPS * buffer
-        best = maximum_below(minimum_below(faces, width, axis=0), width, axis=0)
+        short = root(2 * jnp.sum(hinge(reach + width - faces), axis=0))
+        best = maximum_below(reach + width - short, width, axis=0)
         return jnp.sum(hinge(reach - best[None]), axis=(0, 2))
 
     def label(self, column: int, columns: int, agents: Sequence[str]) -> MarginLabel:
@@ -121,11 +120,13 @@ def outside(
 
     Raises:
         TypeError: `region` is none of these.
+        ValueError: `radius` is negative or not finite.
 
     Example:
         >>> outside(Disc((1.0, 0.0), 0.5)).margins(jnp.zeros((1, 2)), None)
         Array([[0.5]], dtype=float32)
     """
+    check_nonnegative("radius", radius, "of the agents")
     if is_constant(region) and not isinstance(region, Grid):
         region = as_region(region)
     return PrivateRequirement(Outside(region, radius, layout=layout), buffer, name=name)
@@ -146,11 +147,13 @@ def inside(
 
     Raises:
         TypeError: `region` is none of these.
+        ValueError: `radius` is negative or not finite.
 
     Example:
         >>> inside(Box((0.0, 0.0), (2.0, 1.0))).margins(jnp.zeros((1, 2)), None)
         Array([[0.5]], dtype=float32)
     """
+    check_nonnegative("radius", radius, "of the agents")
     if isinstance(region, Polygon) and region.notches is not None:
         hull, notches = region.hull, region.notches
         whole = Inside(hull, radius, layout=layout), Outside(notches, radius, layout=layout)

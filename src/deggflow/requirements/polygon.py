@@ -15,7 +15,7 @@ def _cross(a: Vectors, b: Vectors) -> Any:
 
 
 def counter_clockwise(corners: Float[np.ndarray, "..."]) -> Ring:
-    """The corners counter-clockwise, each once.
+    """The corners counter-clockwise, each once, without those within an edge.
 
     Raises:
         ValueError: They are not at least three points of the plane that enclose an area, or edges cross.
@@ -27,25 +27,54 @@ def counter_clockwise(corners: Float[np.ndarray, "..."]) -> Ring:
     if len(corners) > 1 and (corners[0] == corners[-1]).all():
         corners = corners[:-1]
     corners = corners[(corners != np.roll(corners, 1, axis=0)).any(axis=1)]
-    area = _cross(corners, np.roll(corners, -1, axis=0)).sum() / 2
+    area = _cross(corners - corners[:1], np.roll(corners, -1, axis=0) - corners[:1]).sum() / 2
     if len(corners) < 3 or area == 0:
         raise ValueError(f"`corners` must enclose an area; got {corners.tolist()}.")
-    if _crosses_itself(corners):
+    ring = _without_corners_in_edges(corners)
+    if _touches_itself(ring):
         raise ValueError(
-            f"`corners` must be a simple polygon, whose edges do not cross; got {corners.tolist()}."
+            "`corners` must be a simple polygon, whose edges neither cross nor touch each other; got "
+            f"{corners.tolist()}."
         )
-    return corners if area > 0 else corners[::-1]
+    return ring if area > 0 else ring[::-1]
 
 
-def _crosses_itself(ring: Ring) -> bool:
-    after = np.roll(ring, -1, axis=0)
+def _without_corners_in_edges(ring: Ring) -> Ring:
+    """Corners at which the ring turns by more than the rounding of their coordinates; where it turns back, it is kept."""
+    rounding = _rounding(ring)
+    rest, k = list(ring), 0
+    while k < len(rest) > 3:
+        one, other = rest[k] - rest[k - 1], rest[(k + 1) % len(rest)] - rest[k]
+        size = np.abs(one).sum() + np.abs(other).sum()
+        if abs(_cross(one, other)) <= rounding * size and one @ other > 0:
+            del rest[k]
+        else:
+            k += 1
+    return np.array(rest)
+
+
+def _rounding(ring: Ring) -> float:
+    """By how much corners may be beside a line that they are meant to be on."""
+    return float(8 * np.finfo(float).eps * np.abs(ring).max())
+
+
+def _touches_itself(ring: Ring) -> bool:
+    """Whether edges have a point in common, other than the corner between two that follow each other."""
+    after, count = np.roll(ring, -1, axis=0), len(ring)
 
     def side(a: Vectors, b: Vectors, c: Vectors) -> Any:
         return np.sign(_cross(b - a, c - a))
 
     a, b, c, d = ring[:, None], after[:, None], ring[None], after[None]
-    proper = (side(a, b, c) * side(a, b, d) < 0) & (side(c, d, a) * side(c, d, b) < 0)
-    return bool(proper.any())
+    sides = side(a, b, c), side(a, b, d), side(c, d, a), side(c, d, b)
+    apart = (np.maximum(a, b) < np.minimum(c, d)) | (np.maximum(c, d) < np.minimum(a, b))
+    touch = (sides[0] * sides[1] <= 0) & (sides[2] * sides[3] <= 0) & ~apart.any(axis=-1)
+    number = np.arange(count)
+    gap = (number[None] - number[:, None]) % count
+    distant = (gap > 1) & (gap < count - 1)
+    turns = _turns(ring)
+    back = (turns == 0) & (((ring - np.roll(ring, 1, axis=0)) * (after - ring)).sum(axis=1) < 0)
+    return bool((touch & distant).any() or back.any())
 
 
 def _turns(ring: Ring) -> Float[np.ndarray, " corners"]:
@@ -88,29 +117,35 @@ def triangles(ring: Ring) -> Triangles:
 
 def _ear(ring: Ring) -> int:
     turns = _turns(ring)
-    for k in range(len(ring)):
-        if turns[k] == 0:
-            return k  # a corner within an edge
-        triangle = ring[[k - 1, k, (k + 1) % len(ring)]]
-        others = np.delete(ring, [(k - 1) % len(ring), k, (k + 1) % len(ring)], axis=0)
-        if turns[k] > 0 and not _within(others, triangle).any():
-            return k
+    for rounding in (
+        _rounding(ring),
+        0.0,
+    ):  # a corner beside the ear's third edge may be meant to be on it
+        for k in range(len(ring)):
+            if turns[k] == 0:
+                return k  # a corner within an edge
+            triangle = ring[[k - 1, k, (k + 1) % len(ring)]]
+            others = np.delete(ring, [(k - 1) % len(ring), k, (k + 1) % len(ring)], axis=0)
+            if turns[k] > 0 and not _within(others, triangle, rounding).any():
+                return k
     raise ValueError(
         f"`corners` must be a simple polygon, whose edges do not cross; got {ring.tolist()}."
     )
 
 
-def _within(points: Ring, triangle: Ring) -> np.ndarray:
+def _within(points: Ring, triangle: Ring, rounding: float) -> np.ndarray:
     edge = np.roll(triangle, -1, axis=0) - triangle
     sides = _cross(edge[None], points[:, None] - triangle[None])
     same = (points[:, None] == triangle[None]).all(axis=-1).any(axis=1)
-    return (sides >= 0).all(axis=1) & ~same
+    return (sides >= -rounding * np.abs(edge).sum(axis=1)).all(axis=1) & ~same
 
 
-def notches(ring: Ring) -> Triangles:
-    """Triangles that fill the convex hull outside of a ring."""
+def notches(ring: Ring) -> list[Ring]:
+    """Polygons that fill the convex hull outside of a ring."""
     hull = convex_hull(ring)
-    on_hull = [bool((hull == corner).all(axis=1).any()) for corner in ring]
+    edge = np.roll(hull, -1, axis=0) - hull
+    beside = np.abs(_cross(edge[None], ring[:, None] - hull[None])) / np.abs(edge).sum(axis=1)
+    on_hull = (beside.min(axis=1) <= _rounding(ring)).tolist()
     first = on_hull.index(True)
     order = [(first + k) % len(ring) for k in range(len(ring) + 1)]
     out, pocket = [], [order[0]]
@@ -118,8 +153,6 @@ def notches(ring: Ring) -> Triangles:
         pocket.append(k)
         if on_hull[k]:
             if len(pocket) > 2:
-                corners = ring[pocket][::-1]
-                if _cross(corners, np.roll(corners, -1, axis=0)).sum() > 0:
-                    out.append(triangles(corners))
+                out.append(ring[pocket][::-1])
             pocket = [k]
-    return np.concatenate(out)
+    return out

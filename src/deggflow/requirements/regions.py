@@ -14,6 +14,7 @@ from jaxtyping import Array, Float
 
 from . import box, convex, exact, polygon
 from .term import hinge, length, nearest_on_the_way
+from .values import check_finite, check_nonnegative
 
 Positions = Float[Array, "axes agents waypoints"]
 Each = Float[Array, "regions agents steps"]
@@ -61,6 +62,16 @@ def _at_end(value: Float[Array | np.ndarray, "regions axes"]) -> Float[Array, "a
     return jnp.asarray(value).T[..., None, None]
 
 
+def _offset(
+    x: Positions, centre: Float[Array | np.ndarray, "regions axes"]
+) -> Float[Array, "axes regions agents waypoints"]:
+    if centre.shape[1] != len(x):
+        raise ValueError(
+            f"regions must have as many axes as positions, {len(x)}; got {centre.shape[1]}."
+        )
+    return x[:, None] - _at_end(centre)
+
+
 class Disc(AbstractRegion):
     """Discs, in space balls.
 
@@ -77,6 +88,8 @@ class Disc(AbstractRegion):
     radius: Float[Array | np.ndarray, " regions"]
 
     def __init__(self, centre: Any, radius: Any) -> None:
+        check_finite("centre", centre, "a position")
+        check_nonnegative("radius", radius, "of each disc")
         self.centre, radius = _rows(centre, 2), _rows(radius, 1)
         self.radius = radius * np.ones(len(self.centre)) if len(radius) == 1 else radius
         if len(self.radius) != len(self.centre):
@@ -85,7 +98,7 @@ class Disc(AbstractRegion):
             )
 
     def _from_centre(self, x: Positions) -> Float[Array, "axes regions agents waypoints"]:
-        return x[:, None] - _at_end(self.centre)
+        return _offset(x, self.centre)
 
     def repulsion(self, x: Positions, reach: Any, eps: float) -> Each:
         offset = self._from_centre(x)
@@ -129,6 +142,9 @@ class Box(AbstractRegion):
     angle: Float[Array | np.ndarray, " regions"]
 
     def __init__(self, centre: Any, size: Any, angle: Any = 0.0) -> None:
+        check_finite("centre", centre, "a position")
+        check_nonnegative("size", size, "full lengths")
+        check_finite("angle", angle, "in rad")
         self.centre, size, angle = _rows(centre, 2), _rows(size, 2), _rows(angle, 1)
         ones = np.ones(len(self.centre))
         self.size = size * ones[:, None] if len(size) == 1 else size
@@ -138,9 +154,13 @@ class Box(AbstractRegion):
                 f"`size` and `angle` must be one or one for each of {len(self.centre)} boxes of {self.centre.shape[1]} axes; "
                 f"got shapes {self.size.shape} and {self.angle.shape}."
             )
+        if self.centre.shape[1] != 2 and isinstance(angle, np.ndarray) and angle.any():
+            raise ValueError(
+                f"`angle` must be 0 for boxes of {self.centre.shape[1]} axes, which do not turn; got {angle.tolist()}."
+            )
 
     def _local(self, x: Positions) -> Float[Array, "axes regions agents waypoints"]:
-        offset = x[:, None] - _at_end(self.centre)
+        offset = _offset(x, self.centre)
         if len(offset) != 2:
             return offset
         cos, sin = (f(self.angle)[:, None, None] for f in (jnp.cos, jnp.sin))
@@ -197,6 +217,7 @@ class Polygon(AbstractRegion):
     comes from a condition, or in a union, it is to stay in one of its triangles from each waypoint to the next.
 
     Attributes:
+        ring: Its corners, counter-clockwise, in m.
         pieces: Convex pieces.
         hull: The convex hull.
         notches: What the hull has in addition; None if the polygon is convex.
@@ -206,16 +227,17 @@ class Polygon(AbstractRegion):
         (1, 3, 2)
     """
 
+    ring: Float[Array | np.ndarray, "corners 2"]
     pieces: Polygons
     hull: Polygons
-    notches: Polygons | None
+    notches: "Union | None"
 
     def __init__(self, corners: Any) -> None:
         ring = polygon.counter_clockwise(np.asarray(corners, float))
-        self.hull = Polygons(polygon.convex_hull(ring)[None])
+        self.ring, self.hull = ring, Polygons(polygon.convex_hull(ring)[None])
         convex = polygon.is_convex(ring)
         self.pieces = self.hull if convex else Polygons(polygon.triangles(ring))
-        self.notches = None if convex else Polygons(polygon.notches(ring))
+        self.notches = None if convex else Union(tuple(map(Polygon, polygon.notches(ring))))
 
     def repulsion(self, x: Positions, reach: Any, eps: float) -> Each:
         return self.pieces.repulsion(x, reach, eps)
@@ -224,7 +246,13 @@ class Polygon(AbstractRegion):
         return self.pieces.faces(x)
 
     def clearance(self, x: Positions, swept: bool) -> Each:
-        return self.pieces.clearance(x, swept)
+        if self.notches is None:
+            return self.pieces.clearance(x, swept)
+        # Not of the pieces: what is on the line between two of them is inside.
+        ring = jnp.asarray(self.ring)
+        if swept:
+            return exact.segment_from_ring(x[..., :-1], x[..., 1:], ring)[None]
+        return exact.point_from_ring(x, ring)[None]
 
     def depth(self, x: Positions) -> Each:
         return self.pieces.depth(x)
@@ -242,6 +270,14 @@ class Union(AbstractRegion):
     """
 
     regions: tuple[AbstractRegion, ...]
+
+    def __check_init__(self) -> None:
+        if not (isinstance(self.regions, tuple) and self.regions and all(
+            isinstance(each, AbstractRegion) for each in self.regions
+        )):  # fmt: skip
+            raise TypeError(
+                f"`regions` must be a tuple of `Disc`, `Box`, `Polygon` or `Union`; got {self.regions!r}."
+            )
 
     def repulsion(self, x: Positions, reach: Any, eps: float) -> Each:
         return jnp.concatenate([each.repulsion(x, reach, eps) for each in self.regions])

@@ -33,5 +33,7 @@ def _maximum_above(values: Float[Array, "..."], width: float, axis: int) -> Floa
     count = values.shape[axis]
     if count == 1:
         return jnp.squeeze(values, axis)
+    if width == 0:
+        return jnp.max(values, axis)
     sharpness = math.log(count) / width
     return logsumexp(sharpness * values, axis=axis) / sharpness

@@ -14,7 +14,7 @@ from . import exact
 from .layout import POINTS, Layout
 from .smooth import maximum_below
 from .term import EPS, AbstractOwnTerm, AbstractTerm, hinge, length
-from .values import Value, check_positive, resolve
+from .values import Value, check_positive, column, of_team, one_or_each, resolve
 
 Offsets = Float[Array, "axes agents waypoints"]
 Distances = Float[Array, "agents agents waypoints"]
@@ -62,11 +62,11 @@ class Formation(_AbstractTeamTerm):
         return off - _mean(off, self.mask)
 
     def exact(self, z: States, condition: Any) -> Float[Array, "agents margins"]:
-        within = resolve(self.within, condition, z.dtype)
+        within = column("within", self.within, len(z), condition, z.dtype)
         return within - exact.norm(self._offset(z, condition))
 
     def hinges(self, z: States, condition: Any, buffer: float) -> AgentValues:
-        within = resolve(self.within, condition, z.dtype)
+        within = column("within", self.within, len(z), condition, z.dtype)
         return jnp.sum(hinge(buffer - within + length(self._offset(z, condition))), axis=1)
 
     def label(self, column: int, columns: int, agents: Sequence[str]) -> MarginLabel:
@@ -92,11 +92,12 @@ class Centroid(_AbstractTeamTerm):
         return _mean(x, self.mask) - target[:, None, None]
 
     def exact(self, z: States, condition: Any) -> Float[Array, "agents margins"]:
-        margin = resolve(self.within, condition, z.dtype) - exact.norm(self._offset(z, condition))
+        within = of_team("within", self.within, condition, z.dtype)
+        margin = within - exact.norm(self._offset(z, condition))
         return jnp.broadcast_to(margin, (len(z), margin.shape[1]))
 
     def hinges(self, z: States, condition: Any, buffer: float) -> AgentValues:
-        within = resolve(self.within, condition, z.dtype)
+        within = of_team("within", self.within, condition, z.dtype)
         value = jnp.sum(hinge(buffer - within + length(self._offset(z, condition))))
         return jnp.broadcast_to(value, (len(z),))
 
@@ -116,11 +117,12 @@ class Neighbour(_AbstractTeamTerm):
     def exact(self, z: States, condition: Any) -> Float[Array, "agents margins"]:
         x = self.layout.positions(z, condition)
         near = jnp.min(_others(exact.norm(x[:, :, None] - x[:, None]), self.mask), axis=1)
-        return resolve(self.within, condition, z.dtype) - near
+        return column("within", self.within, len(z), condition, z.dtype) - near
 
     def hinges(self, z: States, condition: Any, buffer: float) -> AgentValues:
         x = self.layout.positions(z, condition)
-        within = resolve(self.within, condition, z.dtype)
+        within = one_or_each("within", self.within, len(z), condition, z.dtype)
+        within = within if within.ndim == 0 else within[:, None, None]
         room = within - _others(length(x[:, :, None] - x[:, None]), self.mask)
         # An agent that is alone is far from all others, not infinitely far: its V must be finite.
         room = jnp.where(jnp.isfinite(room), room, -1e6)
@@ -158,11 +160,11 @@ class Connected(_AbstractTeamTerm):
         for k in range(len(z)):
             link = jnp.minimum(link, jnp.maximum(link[:, k : k + 1], link[k : k + 1]))
         far = jnp.max(jnp.where(present[None, :, None], link, -jnp.inf), axis=1)
-        return resolve(self.within, condition, z.dtype) - far
+        return of_team("within", self.within, condition, z.dtype) - far
 
     def hinges(self, z: States, condition: Any, buffer: float) -> AgentValues:
         x = self.layout.positions(z, condition)
-        within = resolve(self.within, condition, z.dtype)
+        within = of_team("within", self.within, condition, z.dtype)
         tree = jax.lax.stop_gradient(_spanning_tree(x, _present(self.mask, len(z))))
         link = length(x[:, :, None] - x[:, None])
         total = jnp.sum(jnp.where(tree, hinge(buffer - within + link), 0.0))
@@ -201,7 +203,7 @@ class Heading(AbstractOwnTerm):
 
     Attributes:
         target: Heading, of all agents or of each.
-        within: Width, of all agents.
+        within: Width, of all agents or of each.
     """
 
     target: Value
@@ -212,14 +214,10 @@ class Heading(AbstractOwnTerm):
         target = self._targets(z, condition)
         chord = exact.norm(jnp.stack([cos - jnp.cos(target), sin - jnp.sin(target)]))
         angle = 2 * jnp.arcsin(jnp.minimum(chord / 2, 1.0))
-        return resolve(self.within, condition, z.dtype) - angle
+        return column("within", self.within, len(z), condition, z.dtype) - angle
 
     def _targets(self, z: States, condition: Any) -> Float[Array, "agents 1"]:
-        target = resolve(self.target, condition, z.dtype)
-        if target.shape not in ((), (len(z),)):
-            raise ValueError(
-                f"`target` must be one heading or one for each of {len(z)} agents; got shape {target.shape}."
-            )
+        target = one_or_each("target", self.target, len(z), condition, z.dtype)
         return jnp.broadcast_to(target, (len(z),))[:, None]
 
     def hinges(self, z: States, condition: Any, buffer: float) -> AgentValues:
@@ -227,7 +225,7 @@ class Heading(AbstractOwnTerm):
         target = self._targets(z, condition)
         c, s = jnp.cos(target), jnp.sin(target)
         angle = jnp.arctan2(sin * c - cos * s, cos * c + sin * s)
-        reach = buffer - resolve(self.within, condition, z.dtype)
+        reach = buffer - column("within", self.within, len(z), condition, z.dtype)
         return jnp.sum(hinge(reach + angle) + hinge(reach - angle), axis=1)
 
     def label(self, column: int, columns: int, agents: Sequence[str]) -> MarginLabel:
@@ -246,7 +244,7 @@ def formation(
 
     Args:
         offsets: Places, shape (agents, axes); only their differences matter.
-        within: Largest distance from the own place, in m.
+        within: Largest distance from the own place, in m; of all agents, or one for each.
         layout: How states are read.
         buffer: What guidance aims at below this distance, in m.
         name: What certificates call it.
@@ -293,7 +291,7 @@ def neighbour(
     """Each agent has another one within a distance, at each waypoint.
 
     Args:
-        within: Largest distance to the nearest other agent, in m.
+        within: Largest distance to the nearest other agent, in m; of all agents, or one for each.
         layout: How states are read.
         buffer: What guidance aims at below this distance, in m.
         name: What certificates call it.
@@ -312,7 +310,7 @@ def connected(
 ) -> PrivateRequirement:
     """The graph that links agents within a distance is connected, at each waypoint.
 
-    Args: as of `neighbour`.
+    Args: as of `neighbour`, with one distance for all.
 
     Example:
         >>> connected(1.0).margins(jnp.array([[0.0, 0.0], [0.5, 0.0], [1.25, 0.0]]), None)
@@ -336,7 +334,7 @@ def heading(
 
     Args:
         target: Heading in rad, of all agents, or of each, shape (agents,).
-        within: Largest angle, in rad.
+        within: Largest angle, in rad; of all agents, or one for each.
         layout: `poses()`, or trajectories with a heading.
         buffer: What guidance aims at below this angle, in rad.
         name: What certificates call it.

@@ -129,6 +129,7 @@ def nearest_on_the_way(
     """
     square, along = dot(way, way), dot(start, way)
     weight = 4 * eps**2
-    s = jax.lax.stop_gradient(jnp.clip((weight / 2 - along) / (square + weight), 0.0, 1.0))
+    total = square + weight if weight > 0 else jnp.where(square > 0, square, 1.0)
+    s = jax.lax.stop_gradient(jnp.clip((weight / 2 - along) / total, 0.0, 1.0))
     nearest = start + s[None] * way
     return root(dot(nearest, nearest) + weight * (s - 0.5) ** 2) - eps

@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from deggflow.certification import as_guidance, certify
+from deggflow.certification import certify
 from deggflow.generation import Generation
-from deggflow.guidance import AbstractRequirement, DecoupledGuidance
+from deggflow.guidance import AbstractRequirement, DecoupledGuidance, as_guidance
 from deggflow.recording import agent_names
 from deggflow.requirements.layout import Layout
 
