@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import deggflow as dg
+from deggflow import requirements as req
 
 Z0 = jnp.zeros((3, 2))
 Z64 = np.zeros((3, 2))
@@ -26,6 +27,7 @@ def far(z, condition):
 
 APART = dg.PrivateRequirement(far, 0.02, name="apart")
 LEFT = dg.SharedRequirements((dg.SharedFactor(lambda tau, z, c: jnp.mean(z[:, 0]), name="left"),))
+DISC = req.Disc((0.0, 0.0), 1.0)
 GUIDANCE = dg.DecoupledGuidance((APART,))
 
 
@@ -128,6 +130,21 @@ CASES = {
     "mask and masks": lambda: sample(mask=np.ones(3, bool), masks=np.ones((2, 3), bool)),
     "no draws": lambda: sample(max_draws=0),
     "z(0) of another shape": lambda: sample(initial=lambda key, shape: jnp.zeros((2, 2))),
+    "key that is a number": lambda: sample(key=0),
+    "condition with text": lambda: sample(condition={"name": "kitchen"}),
+    "solver by name": lambda: generate(solver="euler"),
+    "drift by name": lambda: generate(drift="held"),
+    "guard that is a number": lambda: generate(guard=3),
+    "no guidance": lambda: generate(guidance=(far,)),
+    "formula that is a region": lambda: req.Always(DISC),
+    "formulas of which one is a region": lambda: req.Within(DISC) & DISC,
+    "window of one waypoint": lambda: req.Eventually(req.Within(DISC), 2),
+    "union of text": lambda: req.Union(("a",)),
+    "region of one axis": lambda: generate(req.outside(req.Disc((1.0,), 0.5))),
+    "region in space": lambda: generate(req.outside(req.Box(np.zeros(3), np.ones(3)))),
+    "numbers of NumPy": lambda: req.apart(
+        distance=np.float32(0.3), buffer=np.float32(0.1), layout=req.trajectories(np.int64(2))
+    ),
     "a good call": lambda: dg.certify(generate(z0=Z64 + np.eye(3, 2)), GUIDANCE),
 }
 

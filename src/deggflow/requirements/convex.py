@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .box import overlap
-from .term import hinge, nearest_on_the_way, root
+from .term import dot, hinge, nearest_on_the_way, root
 
 Pieces = Float[Array | np.ndarray, "pieces corners 2"]
 Positions = Float[Array, "2 agents waypoints"]
@@ -22,14 +22,15 @@ def normals(corner: Float[Array, "_ 2 ..."]) -> Float[Array, "_ 2 ..."]:
     """Outer unit normals of the edges, each from a corner to the next; zero for an edge of length zero."""
     edge = jnp.roll(corner, -1, axis=0) - corner
     normal = jnp.stack([edge[:, 1], -edge[:, 0]], axis=1)
-    size = root(jnp.sum(normal**2, axis=1, keepdims=True))
+    size = root(normal[:, :1] ** 2 + normal[:, 1:] ** 2)
     return normal / jnp.where(size > 0, size, 1.0)
 
 
 def face_gaps(pieces: Pieces, x: Positions) -> Float[Array, "faces pieces agents waypoints"]:
     """How far positions are beyond the line of each face."""
     corner = _corners(pieces)
-    return jnp.sum(normals(corner) * (x[None, :, None] - corner), axis=1)
+    beyond = normals(corner) * (x[None, :, None] - corner)
+    return beyond[:, 0] + beyond[:, 1]
 
 
 def repulsion(pieces: Pieces, x: Positions, reach: Any, eps: float) -> Each:
@@ -51,7 +52,7 @@ def repulsion(pieces: Pieces, x: Positions, reach: Any, eps: float) -> Each:
         total = total + hinge(reach - nearest_on_the_way(first - corner, way, eps))
         offset = corner - first
         across.append(way[0] * offset[1] - way[1] * offset[0])
-    square = jnp.sum(way**2, axis=0)
+    square = dot(way, way)
     still = square == 0
     side = jnp.stack(across) / jnp.sqrt(jnp.where(still, 1.0, square))[None]
     beside = jnp.maximum(jnp.min(side, axis=0), -jnp.max(side, axis=0))

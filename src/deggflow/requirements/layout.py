@@ -1,7 +1,7 @@
 """How requirements read a state: what the `dim` numbers of each agent are."""
 
 import math
-from typing import Any
+from typing import Any, SupportsIndex
 
 import equinox as eqx
 import jax
@@ -208,7 +208,7 @@ def poses(vector: bool = False) -> Layout:
 
 
 def trajectories(
-    waypoints: int,
+    waypoints: SupportsIndex,
     *,
     axes: int = 2,
     heading: str | None = None,
@@ -231,5 +231,5 @@ def trajectories(
         >>> trajectories(64, start="start", goal="goal").waypoints
         64
     """
-    count = int(waypoints) if isinstance(waypoints, np.integer) else waypoints
+    count: Any = int(waypoints) if isinstance(waypoints, np.integer) else waypoints
     return Layout(axes, heading, count, dt, start, goal)

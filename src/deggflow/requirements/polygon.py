@@ -129,7 +129,7 @@ def _ear(ring: Ring) -> int:
             if turns[k] > 0 and not _within(others, triangle, rounding).any():
                 return k
     raise ValueError(
-        f"`corners` must be a simple polygon, whose edges do not cross; got {ring.tolist()}."
+        f"`corners` must be a simple polygon, whose edges neither cross nor touch each other; got {ring.tolist()}."
     )
 
 

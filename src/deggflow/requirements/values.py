@@ -9,8 +9,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-Value = float | int | Float[Array | np.ndarray, "..."] | str | Callable[[Any], Any]
-"""A constant, the name of an entry of the condition, or a function of the condition."""
+Value = (
+    float
+    | int
+    | Float[Array | np.ndarray, "..."]
+    | list[Any]
+    | tuple[Any, ...]
+    | str
+    | Callable[[Any], Any]
+)
+"""A constant, with lists and tuples of numbers, the name of an entry of the condition, or a function of the condition."""
 
 
 def resolve(value: Any, condition: Any, dtype: Any) -> Any:

@@ -25,7 +25,7 @@ SIZES = (
     40,
     64,
 )  # padded teams; one compiled program serves every N up to its size
-PLACES = (4, 16, 64, 256, 1024)  # padded numbers of obstacles of each kind
+PLACES = tuple(4**k for k in range(1, 10))  # padded numbers of obstacles of each kind
 NOWHERE = 1e3  # map units, where obstacles and robots that stand for none are
 
 

@@ -71,7 +71,7 @@ def draw_condition(size: int, rng: np.random.Generator) -> FleetCondition:
     """A condition for a demonstration: a map by `SHARES`, starts and goals of a scheme."""
     name = str(rng.choice(list(SHARES), p=list(SHARES.values())))
     floor = NAMED.get(name) or random_map(rng, int(rng.integers(OBSTACLES[0], OBSTACLES[1] + 1)))
-    if name in OWN and rng.uniform() < OWN_SHARE:
+    if name in OWN and size <= RINGS[-1] and rng.uniform() < OWN_SHARE:
         ring = int(rng.choice([count for count in RINGS if count >= size]))
         taken = rng.choice(ring, size, replace=False)
         start, goal = (points[taken] for points in own_scheme(name, ring))

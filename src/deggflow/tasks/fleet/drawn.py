@@ -2,10 +2,12 @@
 
 import numpy as np
 
+from deggflow.jsonl import InputError
+
 from .condition import SPEED_LIMIT, FleetCondition, Robot
 from .maps import NAMED, SPEED_LIMITS, FloorMap, random_map
 from .options import MapName, Scheme
-from .schemes import OWN, Points, own_scheme, random_scheme
+from .schemes import OWN, Points, most_of_own, own_scheme, random_scheme
 
 
 def random_conditions(
@@ -28,6 +30,8 @@ def random_conditions(
         first: Number of the first one.
         own_floor: The floor of all of them, instead of a map with a name.
     """
+    if scheme == "own" and name in OWN and size > (most := most_of_own(name)):
+        raise InputError(f"--scheme own has room for {most} robots on {name}; got {size}")
     out = []
     for number in range(first, first + count):
         rng = np.random.default_rng([seed, size, number])

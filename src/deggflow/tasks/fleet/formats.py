@@ -75,7 +75,7 @@ def _polygon(value: Any, field: str) -> tuple[tuple[float, float], ...]:
     try:
         polygon.triangles(polygon.counter_clockwise(np.array(ring)))
     except ValueError:
-        text = "must be a simple polygon that encloses an area, whose edges do not cross"
+        text = "must be a simple polygon that encloses an area, whose edges neither cross nor touch"
         raise InputError(text, field=field) from None
     return ring
 

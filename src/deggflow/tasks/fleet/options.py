@@ -1,5 +1,6 @@
 """The fleet's options of every command. Does not import JAX."""
 
+import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -92,10 +93,12 @@ class FleetGenerate(FleetFieldOptions, options.GenerateOptions):
             )
 
     def settings(self) -> dict[str, Any]:
-        """As of every task; a file of conditions has its own maps, and conditions of a floor hold it."""
+        """As of every task; a file of conditions has its own maps, and a floor is known by its bytes."""
         drawn = self.conditions is None
         common = super().settings()
         del common["floor"]
+        if self.floor is not None and self.floor.is_file():
+            common["floor"] = hashlib.sha256(self.floor.read_bytes()).hexdigest()
         return {
             **common,
             "map": self.map if drawn else "",
@@ -123,6 +126,12 @@ class FleetEvaluate(FleetFieldOptions, options.EvaluateOptions):
     def __post_init__(self) -> None:
         super().__post_init__()
         options.check_range("cases", self.cases, 1, options.MAX_COUNT)
+        own = {"empty", "conveyor", "highways", "drop_region"} & {*self.maps}
+        if not self.maps or not self.schemes or (self.schemes == ("own",) and not own):
+            raise InputError(
+                "--maps and --schemes must leave something to measure; own starts and goals have empty, conveyor, highways "
+                "and drop_region"
+            )
 
 
 @dataclass(frozen=True)

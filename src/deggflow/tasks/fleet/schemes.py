@@ -9,12 +9,18 @@ from jaxtyping import Float
 from deggflow.jsonl import InputError
 
 from .clearance import clearance
-from .maps import FloorMap
+from .condition import APART, SPEED_LIMIT
+from .maps import RADIUS, FloorMap
+from .paths import WAYPOINTS
 
 OWN = ("empty", "conveyor", "highways", "drop_region")  # named maps with a scheme of their own
 SPACING = 0.15  # map units, least distance of random starts, and of random goals
 ROOM = 0.16  # map units, least distance of random starts and goals from obstacles
 _EDGE = 0.9  # largest coordinate of random points, of the map's half width
+_WALL = 0.1  # map units, least distance of random points from the bounds
+REACH = (
+    0.75 * (WAYPOINTS - 1) * SPEED_LIMIT
+)  # map units, largest distance of a random goal from its start
 _ATTEMPTS = 200
 
 Points = Float[np.ndarray, "robots 2"]
@@ -45,20 +51,45 @@ def own_scheme(name: str, count: int) -> tuple[Points, Points]:
     return start, goal
 
 
-def random_points(floor: FloorMap, count: int, rng: np.random.Generator) -> Points:
-    """Random places at least `SPACING` apart and `ROOM` from obstacles.
+def most_of_own(name: str) -> int:
+    """The largest team whose starts, by a map's own scheme, are as far apart as robots must be.
+
+    Example:
+        >>> most_of_own("empty")
+        47
+    """
+    return max(
+        count
+        for count in range(2, 65)
+        if _least_distance(own_scheme(name, count)[0]) >= APART * RADIUS
+    )
+
+
+def _least_distance(points: Points) -> float:
+    away = np.hypot(*np.moveaxis(points[:, None] - points[None], -1, 0))
+    return float(np.min(away[np.triu_indices(len(points), 1)]))
+
+
+def random_points(
+    floor: FloorMap, count: int, rng: np.random.Generator, starts: Points | None = None
+) -> Points:
+    """Random places at least `SPACING` apart and `ROOM` from obstacles, within `REACH` of the robots' starts.
 
     Raises:
         InputError: The floor has too little room.
     """
     low, high = np.reshape(floor.bounds, (2, 2))
-    middle, half = (low + high) / 2, _EDGE * (high - low) / 2
+    half = (high - low) / 2
+    middle, half = (low + high) / 2, np.minimum(_EDGE * half, half - _WALL)
+    if (half < 0).any():
+        raise InputError(f"no room for robots on this map, whose bounds are {[*floor.bounds]}")
     for _ in range(_ATTEMPTS):
         points = middle + half * rng.uniform(-1.0, 1.0, (40 * count, 2))
         points = points[clearance(floor, points) >= ROOM]
         chosen: list[Float[np.ndarray, " 2"]] = []
         for point in points:
-            if all(np.hypot(*(point - other)) >= SPACING for other in chosen):
+            near = starts is None or np.hypot(*(point - starts[len(chosen)])) <= REACH
+            if near and all(np.hypot(*(point - other)) >= SPACING for other in chosen):
                 chosen.append(point)
             if len(chosen) == count:
                 return np.array(chosen)
@@ -67,4 +98,5 @@ def random_points(floor: FloorMap, count: int, rng: np.random.Generator) -> Poin
 
 def random_scheme(floor: FloorMap, count: int, rng: np.random.Generator) -> tuple[Points, Points]:
     """Random starts and goals, each as `random_points`."""
-    return random_points(floor, count, rng), random_points(floor, count, rng)
+    starts = random_points(floor, count, rng)
+    return starts, random_points(floor, count, rng, starts)

@@ -182,6 +182,9 @@ def _nearest_steps(
     # A lower bound, by the box around the polygon, and one upper bound of the least distance.
     bound = norm(np.maximum(np.maximum(low - middle, middle - high), 0.0)) - half
     plan, ring = (index.ravel() for index in np.indices(bound.shape[:2]))
+    bound -= 1e-9 * (
+        np.abs(middle).max() + np.abs(rings).max()
+    )  # of rounding, far below what it may be
     nearest = bound.argmin(-1).ravel()
     least = segment_from_ring(first[plan, nearest], last[plan, nearest], rings[ring])
     limit = np.maximum(least, reach).reshape(bound.shape[:2])
@@ -237,8 +240,12 @@ def _verdicts(conditions: Sequence[FleetCondition], paths: Teams) -> list[Verdic
     plans = len(paths)
     misses: list[list[Miss]] = [[] for _ in range(plans)]
     violation, blocked = [0.0] * plans, [set[int]() for _ in range(plans)]
+    # What touches, in numbers that floating point can't represent, holds.
+    rounding = 8 * np.finfo(float).eps * np.abs(conditions[0].floor.bounds).max()
     for kind in _margins(conditions, paths):
         margin = np.where(np.isnan(kind.margin), -np.inf, kind.margin)
+        if kind.kind != "ends":
+            margin = np.where(np.abs(margin) <= rounding, 0.0, margin)
         index = [
             None if each is None else np.broadcast_to(each, margin.shape)
             for each in (kind.robot, kind.other, kind.step)

@@ -36,6 +36,24 @@ def floor_axes(floor: FloorMap) -> tuple[Figure, Axes]:
     return figure, axes
 
 
+def plan_axes(plan: Plan) -> tuple[Figure, Axes]:
+    """As `floor_axes`; where robots leave the bounds, these are a frame within the picture."""
+    figure, axes = floor_axes(plan.condition.floor)
+    low, high = np.reshape(plan.condition.floor.bounds, (2, 2))
+    places = np.concatenate(
+        [plan.paths.reshape(-1, 2), plan.condition.starts, plan.condition.goals]
+    )
+    least, most = (extreme(places, axis=0) for extreme in (np.min, np.max))
+    if (least < low).any() or (most > high).any():
+        (x, y), (width, height) = low.tolist(), (high - low).tolist()
+        frame = Rectangle((x, y), width, height, fill=False, edgecolor=OBSTACLE, linewidth=0.8)
+        axes.add_patch(frame)
+        room = 2 * plan.condition.radius
+        least, most = np.minimum(low, least - room), np.maximum(high, most + room)
+        axes.set(xlim=(least[0], most[0]), ylim=(least[1], most[1]))
+    return figure, axes
+
+
 def draw_paths(axes: Axes, paths: Float[np.ndarray, "robots 64 2"]) -> None:
     """Paths coloured by time, from dark at the start to light at the goal."""
     waypoints = paths.shape[1]
@@ -51,12 +69,16 @@ def draw_paths(axes: Axes, paths: Float[np.ndarray, "robots 64 2"]) -> None:
 
 
 def draw_ends(axes: Axes, plan: Plan) -> None:
-    """Starts as rings around the robots' numbers, goals as crosses with the numbers beside them, in italics."""
-    condition = plan.condition
+    """Starts as rings around the robots' numbers, goals as crosses with the numbers beside them, in italics.
+
+    Rings and crosses of robots that miss a requirement are red.
+    """
+    condition, blocked = plan.condition, plan.verdict().blocked
     for number, (start, goal) in enumerate(zip(condition.starts, condition.goals, strict=True), 1):
-        ring = Circle(start, condition.radius, fill=False, edgecolor="#333333", linewidth=0.8)
+        colour, width = (FAULT, 1.6) if number - 1 in blocked else ("#333333", 0.8)
+        ring = Circle(start, condition.radius, fill=False, edgecolor=colour, linewidth=width)
         axes.add_patch(ring)
-        axes.plot(*goal, "x", color="#333333", markersize=4, markeredgewidth=0.9)
+        axes.plot(*goal, "x", color=colour, markersize=4, markeredgewidth=width + 0.1)
         x, y = start
         at_start = axes.text(x, y, str(number), fontsize=6, ha="center", va="center")
         # A start may be where another robot's goal is: two numbers that do not cover each other.
@@ -88,7 +110,7 @@ def pixels(figure: Figure) -> UInt8[np.ndarray, "rows columns 3"]:
 def plan_figure(plan: Plan) -> Figure:
     """A plan's paths, and below them what its verdict says."""
     with look():
-        figure, axes = floor_axes(plan.condition.floor)
+        figure, axes = plan_axes(plan)
         draw_paths(axes, plan.paths)
         draw_ends(axes, plan)
         verdict = plan.verdict()
@@ -109,7 +131,7 @@ class MovingRobots:
             size: Width and height in pixels, if not those of a picture of a plan.
         """
         with look():
-            self._figure, axes = floor_axes(plan.condition.floor)
+            self._figure, axes = plan_axes(plan)
             if size is not None:
                 self._figure.set_size_inches(size[0] / _DPI, size[1] / _DPI)
             draw_paths(axes, plan.paths)
