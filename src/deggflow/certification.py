@@ -16,7 +16,8 @@ from .certificate import Certificate, GenerationRecord, RequirementVerdict
 from .contradiction import contradictions
 from .divergence import END_OF_SCALE, finite
 from .generation import Generation, check_one_sample
-from .guidance import AbstractRequirement, DecoupledGuidance, as_guidance
+from .guidance import AbstractRequirement, DecoupledGuidance
+from .guidance.decoupled import as_guidance
 from .judge import PRECISION, Judged, follow, judge_many
 from .recording import agent_names, foreign_record, not_a_number, records, verdicts_of
 from .trace import Summary, Trace

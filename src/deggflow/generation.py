@@ -12,7 +12,8 @@ from jaxtyping import Array, Bool, Float, Int
 from .arguments import check_leading_axis, checked_grid, checked_start, per_agent
 from .drift import EVERY_STEP, AbstractDrift, Interval, aligned
 from .flow import Field
-from .guidance import AbstractGuidance, AbstractRequirement, as_guidance
+from .guidance import AbstractGuidance, AbstractRequirement
+from .guidance.decoupled import as_guidance
 from .guided_field import GuidedField
 from .hints import advise_compiling
 from .identity import requirement_numbers

@@ -23,8 +23,8 @@ from .guidance import (
     AbstractRequirement,
     DecoupledGuidance,
     NoGuidance,
-    as_guidance,
 )
+from .guidance.decoupled import as_guidance
 from .notebook import samples_html
 from .redraw import Candidate, Drawn, redraw_until_satisfied
 from .solver import EULER, RungeKutta

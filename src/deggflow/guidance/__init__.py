@@ -3,7 +3,7 @@
 from .agent import AgentInput, CommunicationCost, agent_input, communication_cost
 from .allocation import AbstractAllocation, Fixed, Local, Own, Pooled
 from .bound import AbstractBound, TighteningBound
-from .decoupled import AbstractGuidance, DecoupledGuidance, NoGuidance, as_guidance
+from .decoupled import AbstractGuidance, DecoupledGuidance, NoGuidance
 from .margins import (
     AbstractMargins,
     AbstractNamedMargins,
@@ -54,7 +54,6 @@ __all__ = [
     "SumOfMargins",
     "TighteningBound",
     "agent_input",
-    "as_guidance",
     "communication_cost",
     "distances",
     "hinge_violation",

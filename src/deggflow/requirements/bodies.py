@@ -77,8 +77,8 @@ def _one_way(
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
     """Hinges over the distances of one's corners to the other, and the largest gap beyond the other's faces."""
     normal = convex.normals(other)
-    beyond = normal[:, None] * (one[None] - other[:, None])
-    gaps = beyond[:, :, 0] + beyond[:, :, 1]
+    away_x, away_y = (one[None, :, k] - other[:, None, k] for k in range(2))
+    gaps = normal[:, None, 0] * away_x + normal[:, None, 1] * away_y
     total = jnp.zeros(one.shape[2:], one.dtype)
     for k in range(len(one)):
         total = total + hinge(reach - convex.point_distance(other, one[k], gaps[:, k]))

@@ -28,9 +28,10 @@ def normals(corner: Float[Array, "_ 2 ..."]) -> Float[Array, "_ 2 ..."]:
 
 def face_gaps(pieces: Pieces, x: Positions) -> Float[Array, "faces pieces agents waypoints"]:
     """How far positions are beyond the line of each face."""
+    # By coordinates, for the reason that `point_distance` gives.
     corner = _corners(pieces)
-    beyond = normals(corner) * (x[None, :, None] - corner)
-    return beyond[:, 0] + beyond[:, 1]
+    normal, x_, y_ = normals(corner), x[0][None, None], x[1][None, None]
+    return normal[:, 0] * (x_ - corner[:, 0]) + normal[:, 1] * (y_ - corner[:, 1])
 
 
 def repulsion(pieces: Pieces, x: Positions, reach: Any, eps: float) -> Each:

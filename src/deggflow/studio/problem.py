@@ -10,7 +10,8 @@ from jaxtyping import Array, Bool, Float
 
 from deggflow.certification import certify
 from deggflow.generation import Generation
-from deggflow.guidance import AbstractRequirement, DecoupledGuidance, as_guidance
+from deggflow.guidance import AbstractRequirement, DecoupledGuidance
+from deggflow.guidance.decoupled import as_guidance
 from deggflow.recording import agent_names
 from deggflow.requirements.layout import Layout
 

@@ -2,6 +2,7 @@
 
 import json
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import shapely
@@ -9,11 +10,13 @@ from PIL import Image
 from shapely.geometry import LineString, Point
 
 from deggflow.jsonl import InputError
+from deggflow.tasks.fleet import obstacles
 from deggflow.tasks.fleet.condition import FleetCondition, Robot, to_arrays
 from deggflow.tasks.fleet.data import draw_condition
 from deggflow.tasks.fleet.drawn import random_conditions
 from deggflow.tasks.fleet.generator import FleetGenerator
 from deggflow.tasks.fleet.maps import FloorMap
+from deggflow.tasks.fleet.obstacles import Obstacles
 from deggflow.tasks.fleet.options import FleetEvaluate, FleetFieldOptions, FleetGenerate
 from deggflow.tasks.fleet.oracle import refutes
 from deggflow.tasks.fleet.schemes import OWN, REACH, most_of_own, own_scheme, random_scheme
@@ -146,3 +149,19 @@ def test_an_evaluation_of_nothing_is_refused():
     for given in ({"maps": ("dense",), "schemes": ("own",)}, {"maps": ()}, {"schemes": ()}):
         with pytest.raises(InputError, match="--maps and --schemes must leave something"):
             FleetEvaluate(**given)
+
+
+def test_many_near_obstacles_are_looked_at_together(monkeypatch):
+    rng = np.random.default_rng(0)
+    rows = [rng.uniform(low, high, (12, 2)) for low, high in ((-1.0, 1.0), (0.0, 0.2))]
+    radius = rng.uniform(0.0, 0.1, 12)
+    x = jnp.asarray(rng.uniform(-1, 1, (2, 3, 9)), jnp.float32)
+    one_by_one, at_once = (
+        Obstacles(*map(jnp.float32, (*rows, radius)), nearest=count) for count in (6, 12)
+    )
+    expected = one_by_one.repulsion(x, 0.3, 0.01).sum(axis=0)
+    monkeypatch.setattr(obstacles, "UNROLLED", 5)
+    np.testing.assert_allclose(one_by_one.repulsion(x, 0.3, 0.01).sum(axis=0), expected, atol=1e-6)
+    every = at_once.repulsion(x, 0.3, 0.01)
+    assert every.shape == (12, 3, 8)
+    assert (every.sum(axis=0) >= expected - 1e-6).all()

@@ -11,6 +11,8 @@ from deggflow.requirements import AbstractObstacle, box, exact
 from deggflow.requirements.regions import Each, Positions
 from deggflow.requirements.term import hinge, nearest_on_the_way
 
+UNROLLED = 8  # nearest obstacles that are looked at one after the other; programs of more take minutes to compile
+
 
 class Obstacles(AbstractObstacle):
     """Boxes along the axes that are grown by radii; discs are boxes of size zero.
@@ -40,6 +42,12 @@ class Obstacles(AbstractObstacle):
             return self._of_discs(first, last, reach, eps)
         table = jnp.concatenate([self.centre.T, self.half.T, self.radius[None]])
         gap = self._distances(jax.lax.stop_gradient((first + last) / 2))
+        if self.nearest > UNROLLED:
+            count = min(self.nearest, len(self.radius))
+            index = jnp.moveaxis(jax.lax.top_k(-jnp.moveaxis(gap, 0, -1), count)[1], -1, 0)
+            rows = table[:, index]
+            ends = first[:, None] - rows[:2], last[:, None] - rows[:2]
+            return box.segment_repulsion(*ends, rows[2:4], reach + rows[4], eps)
         number, values = jnp.arange(len(self.radius))[:, None, None], []
         for k in range(min(self.nearest, len(self.radius))):
             # By two minima: XLA's CPU backend computes `argmin` one element at a time.
