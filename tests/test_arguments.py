@@ -76,6 +76,7 @@ EXPECTED = {
     "formula that is a region": "TypeError: `inner` must be a formula",
     "formulas of which one is a region": "TypeError: `other` must be a formula",
     "window of one waypoint": r"ValueError: `window` must be a first and a last waypoint.* got 2",
+    "radii of a formula": "ValueError: `radius` must be one number, of all agents; got array",
     "union of text": r"TypeError: `regions` must be a tuple of `Disc`.* got \('a',\)",
     "region of one axis": "ValueError: regions must have as many axes as positions, 2; got 1",
     "region in space": "ValueError: regions must have as many axes as positions, 2; got 3",

@@ -139,6 +139,7 @@ CASES = {
     "formula that is a region": lambda: req.Always(DISC),
     "formulas of which one is a region": lambda: req.Within(DISC) & DISC,
     "window of one waypoint": lambda: req.Eventually(req.Within(DISC), 2),
+    "radii of a formula": lambda: req.Within(DISC, np.ones(2)),
     "union of text": lambda: req.Union(("a",)),
     "region of one axis": lambda: generate(req.outside(req.Disc((1.0,), 0.5))),
     "region in space": lambda: generate(req.outside(req.Box(np.zeros(3), np.ones(3)))),

@@ -67,6 +67,8 @@ class _AbstractPlace(AbstractFormula):
 
     def __check_init__(self) -> None:
         check_nonnegative("radius", self.radius, "of the agents")
+        if np.ndim(self.radius):
+            raise ValueError(f"`radius` must be one number, of all agents; got {self.radius!r}.")
         if is_constant(self.region):
             as_region(self.region)
 
