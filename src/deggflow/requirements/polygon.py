@@ -117,10 +117,8 @@ def triangles(ring: Ring) -> Triangles:
 
 def _ear(ring: Ring) -> int:
     turns = _turns(ring)
-    for rounding in (
-        _rounding(ring),
-        0.0,
-    ):  # a corner beside the ear's third edge may be meant to be on it
+    # A corner beside the ear's third edge may be meant to be on it.
+    for rounding in (_rounding(ring), 0.0):
         for k in range(len(ring)):
             if turns[k] == 0:
                 return k  # a corner within an edge
