@@ -117,7 +117,7 @@ def test_without_a_buffer_v_is_positive_where_a_margin_is_negative(requirement, 
 def test_to_stay_in_one_of_several_regions_is_as_easy_as_in_one():
     thin = req.Polygon([(0, 0), (2, 0), (2, 0.4)])
     ell = req.Polygon([(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)])
-    for regions in (thin, (thin, req.Disc((50.0, 0.0), 0.5)), (ell,), (ell, thin)):
+    for regions in ((thin, req.Disc((50.0, 0.0), 0.5)), (ell, thin)):
         made = sample(
             to_zero, (req.inside(regions),), key=jax.random.key(0), count=32, shape=(2, 2), max_draws=1
         )  # fmt: skip
