@@ -169,8 +169,7 @@ def test_stops_are_numbers():
         generate(to_zero, (req.apart(distance=0.3),), PAIR, None, stops=np.array([np.nan, 1.0]))
 
 
-def test_a_plan_that_names_no_reason_holds():
-    """The verdicts of the faults that these tests began with."""
+def test_a_reason_names_the_agent_that_misses_its_own_limit():
     pair = req.heading(0.0, np.array([0.5, 2.0]), layout=POSES)
     first, second = (
         verdicts(np.array([[0.0, 0, 0], [0, 0, angle]]), (pair,))[0] for angle in (1.5, 2.5)

@@ -118,7 +118,7 @@ def segment_from_ring(
     corner = jnp.sum(off * way, axis=0) / jnp.where(square > 0, square, 1.0)
     ends = jnp.zeros_like(square), jnp.ones_like(square)
     cuts = jnp.clip(jnp.concatenate([*ends, crossing, corner]), 0.0, 1.0)
-    cuts = jnp.sort(jnp.where(jnp.isfinite(cuts), cuts, 0.0), axis=0)
+    cuts = jnp.sort(cuts, axis=0)
     middles = (cuts[1:] + cuts[:-1]) / 2
     at = jnp.concatenate([*ends, middles])[None]
     signed = point_from_ring(first[:, None] + at * way, ring)

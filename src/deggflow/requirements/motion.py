@@ -20,11 +20,6 @@ from .values import Value, check_positive, column, resolve
 Steps = Float[Array, "agents steps"]
 
 
-def _limit(limit: Value, agents: int, condition: Any, dtype: Any) -> Float[Array, "..."]:
-    """A number, or a column of one for each agent."""
-    return column("limit", limit, agents, condition, dtype)
-
-
 class _AbstractSize(AbstractOwnTerm):
     """A limit less the size of vectors, of which each agent has one for each step."""
 
@@ -34,7 +29,7 @@ class _AbstractSize(AbstractOwnTerm):
 
     @abc.abstractmethod
     def _largest(self, z: States, condition: Any) -> Float[Array, "..."]:
-        """The limit, as of `_limit`."""
+        """The limit, as of `column`."""
 
     def exact(self, z: States, condition: Any) -> Float[Array, "agents margins"]:
         return self._largest(z, condition) - exact.norm(self._vectors(z, condition))
@@ -60,7 +55,7 @@ class Rate(_AbstractSize):
         return jnp.diff(x, n=self.order, axis=2) / self.layout.dt**self.order
 
     def _largest(self, z: States, condition: Any) -> Float[Array, "..."]:
-        return _limit(self.limit, len(z), condition, z.dtype)
+        return column("limit", self.limit, len(z), condition, z.dtype)
 
     def label(self, column: int, columns: int, agents: Sequence[str]) -> MarginLabel:
         where = self.layout.when(column, True) if self.order == 1 else f" at waypoint {column + 1}"
@@ -88,7 +83,7 @@ class Curvature(AbstractOwnTerm):
         a, b = one * sizes[1][None], other * sizes[0][None]
         turn = 2 * jnp.arctan2(exact.norm(a - b), exact.norm(a + b))
         mean = jnp.where(moves, (sizes[0] + sizes[1]) / 2, 1.0)
-        limit = _limit(self.limit, len(z), condition, z.dtype)
+        limit = column("limit", self.limit, len(z), condition, z.dtype)
         return limit - jnp.where(moves, turn, 0.0) / mean
 
     def hinges(self, z: States, condition: Any, buffer: float) -> AgentValues:
@@ -106,7 +101,7 @@ class Curvature(AbstractOwnTerm):
         still = (along == 0) & (across == 0)
         turn = jnp.arctan2(across, jnp.where(still, 1.0, along))
         curvature = turn / jnp.where(still, 1.0, mean)
-        limit = buffer - _limit(self.limit, len(z), condition, z.dtype)
+        limit = buffer - column("limit", self.limit, len(z), condition, z.dtype)
         # To either side: a choice of the size of the turn would have a kink where the path is straight.
         either = hinge(limit + curvature) + hinge(limit - curvature)
         return jnp.sum(either, axis=1)
@@ -140,12 +135,12 @@ class Length(AbstractOwnTerm):
 
     def exact(self, z: States, condition: Any) -> Float[Array, "agents margins"]:
         way = jnp.diff(self.layout.positions(z, condition), axis=2)
-        limit = _limit(self.limit, len(z), condition, z.dtype)
+        limit = column("limit", self.limit, len(z), condition, z.dtype)
         return limit - jnp.sum(exact.norm(way), axis=1, keepdims=True)
 
     def hinges(self, z: States, condition: Any, buffer: float) -> AgentValues:
         way = jnp.diff(self.layout.positions(z, condition), axis=2)
-        limit = _limit(self.limit, len(z), condition, z.dtype)
+        limit = column("limit", self.limit, len(z), condition, z.dtype)
         return hinge(buffer - limit + jnp.sum(length(way), axis=1, keepdims=True))[:, 0]
 
     def label(self, column: int, columns: int, agents: Sequence[str]) -> MarginLabel:

@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+import shapely
 from jaxtyping import Float
 
 Ring = Float[np.ndarray, "_ 2"]
@@ -31,7 +32,7 @@ def counter_clockwise(corners: Float[np.ndarray, "..."]) -> Ring:
     if len(corners) < 3 or area == 0:
         raise ValueError(f"`corners` must enclose an area; got {corners.tolist()}.")
     ring = _without_corners_in_edges(corners)
-    if _touches_itself(ring):
+    if not shapely.LinearRing(ring).is_simple:
         raise ValueError(
             "`corners` must be a simple polygon, whose edges neither cross nor touch each other; got "
             f"{corners.tolist()}."
@@ -56,25 +57,6 @@ def _without_corners_in_edges(ring: Ring) -> Ring:
 def _rounding(ring: Ring) -> float:
     """By how much corners may be beside a line that they are meant to be on."""
     return float(8 * np.finfo(float).eps * np.abs(ring).max())
-
-
-def _touches_itself(ring: Ring) -> bool:
-    """Whether edges have a point in common, other than the corner between two that follow each other."""
-    after, count = np.roll(ring, -1, axis=0), len(ring)
-
-    def side(a: Vectors, b: Vectors, c: Vectors) -> Any:
-        return np.sign(_cross(b - a, c - a))
-
-    a, b, c, d = ring[:, None], after[:, None], ring[None], after[None]
-    sides = side(a, b, c), side(a, b, d), side(c, d, a), side(c, d, b)
-    apart = (np.maximum(a, b) < np.minimum(c, d)) | (np.maximum(c, d) < np.minimum(a, b))
-    touch = (sides[0] * sides[1] <= 0) & (sides[2] * sides[3] <= 0) & ~apart.any(axis=-1)
-    number = np.arange(count)
-    gap = (number[None] - number[:, None]) % count
-    distant = (gap > 1) & (gap < count - 1)
-    turns = _turns(ring)
-    back = (turns == 0) & (((ring - np.roll(ring, 1, axis=0)) * (after - ring)).sum(axis=1) < 0)
-    return bool((touch & distant).any() or back.any())
 
 
 def _turns(ring: Ring) -> Float[np.ndarray, " corners"]:

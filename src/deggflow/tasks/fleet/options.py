@@ -10,6 +10,7 @@ from deggflow.task import options
 
 MapName = Literal["empty", "conveyor", "highways", "drop_region", "dense", "random", "any"]
 Scheme = Literal["own", "random"]
+WITHOUT_OWN = {"dense", "random", "any"}  # maps without starts and goals of their own
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ class FleetGenerate(FleetFieldOptions, options.GenerateOptions):
             raise InputError("--map and --scheme go with --size, not with --conditions")
         if self.floor is not None and (self.conditions is not None or self.map != "any"):
             raise InputError("--floor goes with --size, instead of --map")
-        if self.scheme == "own" and self.map in ("dense", "random", "any"):
+        if self.scheme == "own" and self.map in WITHOUT_OWN:
             raise InputError(
                 f"--scheme own goes with --map empty, conveyor, highways or drop_region; got {self.map}"
             )
@@ -126,8 +127,11 @@ class FleetEvaluate(FleetFieldOptions, options.EvaluateOptions):
     def __post_init__(self) -> None:
         super().__post_init__()
         options.check_range("cases", self.cases, 1, options.MAX_COUNT)
-        own = {"empty", "conveyor", "highways", "drop_region"} & {*self.maps}
-        if not self.maps or not self.schemes or (self.schemes == ("own",) and not own):
+        if (
+            not self.maps
+            or not self.schemes
+            or ({*self.schemes} == {"own"} and {*self.maps} <= WITHOUT_OWN)
+        ):
             raise InputError(
                 "--maps and --schemes must leave something to measure; own starts and goals have empty, conveyor, highways "
                 "and drop_region"

@@ -3,13 +3,15 @@
 Source: yoraish/mmd (MMD, ICLR 2025) for the schemes of its four maps.
 """
 
+from functools import cache
+
 import numpy as np
 from jaxtyping import Float
 
 from deggflow.jsonl import InputError
 
 from .clearance import clearance
-from .condition import APART, SPEED_LIMIT
+from .condition import APART, MAX_ROBOTS, SPEED_LIMIT
 from .maps import RADIUS, FloorMap
 from .paths import WAYPOINTS
 
@@ -51,6 +53,7 @@ def own_scheme(name: str, count: int) -> tuple[Points, Points]:
     return start, goal
 
 
+@cache
 def most_of_own(name: str) -> int:
     """The largest team whose starts, by a map's own scheme, are as far apart as robots must be.
 
@@ -60,7 +63,7 @@ def most_of_own(name: str) -> int:
     """
     return max(
         count
-        for count in range(2, 65)
+        for count in range(2, MAX_ROBOTS + 1)
         if _least_distance(own_scheme(name, count)[0]) >= APART * RADIUS
     )
 
